@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from conftest import DEG, Table, config, session_of
 
-from session.detect.bridging import CLIPPED, GAP, bridged, short_gaps
+from session.detect.bridging import CLIPPED, GAP, across, best_crossings, bridged, short_gaps
 from session.detect.check_samples import BRIDGED
 from session.detect.first_look import check_session
 from session.log.samples import Samples
@@ -53,6 +53,28 @@ def test_what_is_put_into_a_gap_is_off_by_as_much_as_is_said(count, odr_hz):
     assert len(pulls) > 60
     assert np.mean(np.abs(pulls) < 1) == pytest.approx(0.68, abs=0.08)
     assert np.sqrt(np.mean(pulls**2)) == pytest.approx(1.0, abs=0.2)
+
+
+@pytest.mark.parametrize(("length", "lost"), [(1, False), (3, False), (2, True), (6, True)])
+def test_what_an_event_may_hide_is_as_much_as_is_said_whatever_the_others_are(length, lost):
+    """False readings 60 deg/s off, or readings that are missing without a trace in the stamps."""
+    samples, pulls = Table().tumble(24, seed=length).samples(odr_hz=104.0), []
+    for seed in range(6):
+        rows = fast_rows(samples, 40, seed)
+        gyro, keep = np.array(samples.gyro), np.ones(len(samples), dtype=bool)
+        inside = rows[:, None] + np.arange(length)
+        gyro[inside] += np.where(np.arange(len(rows)) % 2, 60.0, -60.0)[:, None, None] * DEG
+        keep[inside] = not lost
+        at = rows - 1 - length * np.arange(len(rows)) if lost else rows
+        read = replace(samples, t_ns=samples.t_ns[: keep.sum()], gyro=gyro[keep], accel=samples.accel[keep], temp_c=None)
+        for row, true, (order, sigma) in zip(
+            at, inside, best_crossings(read, at, np.full(len(at), 0 if lost else length), length), strict=True
+        ):
+            before, behind = (row, row + 1) if lost else (row - 1, row + length)
+            error = across(read.gyro, before, behind, length, order) - samples.gyro[true]
+            pulls.append(error.sum(axis=0) * samples.period_s / sigma)
+    assert np.sqrt(np.mean(np.square(pulls))) == pytest.approx(1.0, abs=0.25)
+    assert np.mean(np.abs(pulls) < 1) == pytest.approx(0.68, abs=0.13)
 
 
 def test_a_gap_that_is_longer_is_none_of_them_and_a_late_stamp_is_no_gap():

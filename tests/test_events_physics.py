@@ -245,7 +245,7 @@ def test_the_number_lost_each_time_closes_most_turns_of_which_one_may_have_none(
     made = trial(count=4)
     events = shortened(made, dict.fromkeys(range(3), count))
     nowhere, other, in_rest = (RegisterFault(LOST, 0, row) for row in (228, 106, 5))
-    with patch.object(data_repair.bridging, "best_order", lambda samples, rows, count: (3, 0.0)):
+    with patch.object(data_repair, "crossings", lambda logs, events, length: dict.fromkeys(events, Crossing(3, 0.0))):
         for losses, expected in ([*events, nowhere], count), ([*events, nowhere, other], count), ([nowhere], 0), ([in_rest], 0):
             assert made.lost_each_time(losses) == expected
 
@@ -254,7 +254,7 @@ def test_most_turns_decide_the_number_lost_and_not_the_one_that_closes_best():
     """Three of one sample, which miss by two and a half sigmas; the fourth, of two, closes to nothing."""
     made = trial(count=4)
     made._batch = turned_ends(made._batch, np.outer([1, 1, 1, 0], [0.025, 0.0, 0.0]))
-    with patch.object(data_repair.bridging, "best_order", lambda samples, rows, count: (3, 0.0)):
+    with patch.object(data_repair, "crossings", lambda logs, events, length: dict.fromkeys(events, Crossing(3, 0.0))):
         assert made.lost_each_time(shortened(made, {0: 1, 1: 1, 2: 1, 3: 2})) == 1
 
 

@@ -25,7 +25,7 @@ from tinygc.explanation.faulty_readings import (
     _local_scatter,
     _possible_losses,
     _steps_at,
-    crossing,
+    crossings,
     find_glitches,
     find_jumps,
     find_losses,
@@ -311,5 +311,10 @@ def test_events_of_every_log_are_proposed_and_bridged_in_their_own():
         found, read = np.asarray(getattr(second, name)), getattr(spoilt, name)
         assert np.flatnonzero((found != read).any(axis=1)).tolist() == rows
         assert np.abs(found[rows] - read[300]).max() < 6 * noise
-    for event, length, count in ((false, 9, 5), (lost, 9, 9), (lost, 0, 1)):
-        assert crossing(spoilt, event, length) == bridging.best_order(spoilt, np.array([event.row]), count)
+    logs, other = [clean, spoilt], RegisterFault(FALSE, 0, 50, 1)
+    for length in (9, 0):
+        expected = bridging.best_crossings(spoilt, np.array([501, 699]), np.array([5, 0]), length)
+        assert crossings(logs, [false, lost, other], length) == {
+            **dict(zip((false, lost), expected, strict=True)),
+            other: bridging.best_crossings(clean, np.array([50]), np.array([1]))[0],
+        }

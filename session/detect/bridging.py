@@ -79,17 +79,23 @@ class Crossings:
         return len(self._places)
 
 
-def best_order(samples: Samples, rows: np.ndarray, count: int) -> tuple[int, float]:
-    """The order that crosses gaps of ``count`` best where the rate bends as it does at ``rows``, and the rotation, rad rms per axis, that
-    it misses; these rows are no examples."""
-    spoilt = np.zeros(len(samples), dtype=bool)
-    spoilt[np.minimum(rows[:, None] + np.arange(count), len(samples) - 1)] = True
-    crossings = Crossings(samples.gyro, count, spoilt)
-    if not len(crossings):
-        return 3, 0.0
-    behind = np.minimum(rows + count, len(samples) - 1)
-    order, errors = crossings.like(float(np.median(bend(samples.gyro, np.maximum(rows - 1, 0), behind))))
-    return order, rms_of(errors.sum(axis=1)) * samples.period_s
+def best_crossings(samples: Samples, rows: np.ndarray, counts: np.ndarray, length: int = 0) -> list[tuple[int, float]]:
+    """The order that crosses each of E events best, and the rotation, rad rms per axis, that it misses: counts (E,) of false readings from
+    rows (E,) on, or 0 where ``length`` readings are missing behind a row.  No event is an example, unless they leave too few."""
+    last, lost = len(samples) - 1, counts == 0
+    before, behind = np.clip([rows - 1 + lost, rows + counts + lost], 0, last)
+    bends, spoilt = bend(samples.gyro, before, behind), np.zeros(len(samples), dtype=bool)
+    for row, stop in zip(rows.tolist(), (rows + counts + 2 * lost).tolist(), strict=True):
+        spoilt[row:stop] = True
+    counts, crossings = np.where(lost, max(length, 1), counts), dict[int, Crossings]()
+    for count in np.unique(counts).tolist():
+        apart = Crossings(samples.gyro, count, spoilt)
+        crossings[count] = apart if len(apart) >= FEWEST_TRIALS else Crossings(samples.gyro, count, np.zeros_like(spoilt))
+    found = []
+    for bent, count in zip(bends.tolist(), counts.tolist(), strict=True):
+        order, errors = crossings[count].like(bent) if len(crossings[count]) else (3, np.zeros((1, 1, 3)))
+        found.append((order, rms_of(errors.sum(axis=1)) * samples.period_s))
+    return found
 
 
 def bend(gyro: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:

@@ -24,7 +24,7 @@ from tinygc.effects import Effect, catalogue
 from tinygc.explanation.claims import CERTAIN, Claim, Considered
 from tinygc.explanation.clipped_turns import FEWEST_WHOLE, Clipping, about_the_vertical, chance_of_creep, closure_over_floor, find_clipping
 from tinygc.explanation.evidence import Evidence, Hypothesis
-from tinygc.explanation.faulty_readings import FALSE, LOST, Crossing, RegisterFault, crossing, proposed, without_false_readings
+from tinygc.explanation.faulty_readings import FALSE, LOST, Crossing, RegisterFault, crossings, proposed, without_false_readings
 from tinygc.explanation.search import search
 from tinygc.inference.choose import PRIOR_ODDS, SCALES, weights_of
 from tinygc.noise.components import first_noise, undersampling
@@ -231,15 +231,13 @@ class ClosureTrial:
         Each segment has at most one loss, at any of its events, or none, so that one without does not decide for the others.
         """
         inside = [(event, i) for event in losses if (i := self.segment_of(event)) is not None]
-        rows = {event.log: np.array([other.row for other, _ in inside if other.log == event.log]) for event, _ in inside}
+        logs = [log.samples for log in self.twin.problem.logs]
 
         def cost(count: int) -> float:
-            total = dict(whole)
-            logs = self.twin.problem.logs
-            by_log = {log: Crossing(*bridging.best_order(logs[log].samples, of, max(count, 1))) for log, of in rows.items()}
+            total, cross = dict(whole), crossings(logs, losses, count).__getitem__
             for event, i in inside:
                 # What a bridge may have missed is no reason for a longer one.
-                angles = self.angles(i, [event], lambda event: by_log[event.log], count)
+                angles = self.angles(i, [event], cross, count)
                 total[i] = float(np.logaddexp(total[i], self.likelihood(i, angles)[0]))
             return -sum(total.values())
 
@@ -256,8 +254,7 @@ class ClosureTrial:
         """Test the events of one id, with ``others``, of another id, already repaired."""
         length = self.lost_each_time(events) if name == LOST else 0
         where = [self.segment_of(event) for event in events]
-        crossings = {event: crossing(self.twin.problem.logs[event.log].samples, event, length) for event in [*events, *others]}
-        cross = crossings.__getitem__
+        cross = crossings([log.samples for log in self.twin.problem.logs], [*events, *others], length).__getitem__
         inside = {i: [k for k, at in enumerate(where) if at == i] for i in sorted({i for i in where if i is not None})}
         likely, can_be = {}, name == FALSE or length > 0
         if can_be:

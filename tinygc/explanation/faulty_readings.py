@@ -294,15 +294,14 @@ def cubic_across(values: np.ndarray, start: int, stop: int) -> tuple[np.ndarray,
 def without_glitches(samples: Samples, glitches: Sequence[Glitch]) -> Samples:
     """Replace false readings by interpolation from their neighbours."""
     mended: dict[str, dict[int, np.ndarray]] = {"gyro": {}, "accel": {}}
-    rows = np.array([each.row for each in glitches])
-    orders = {count: bridging.best_order(samples, rows, count)[0] for count in {each.samples for each in glitches}}
-    for row, count, both in glitches:
+    rows, counts = (np.array([getattr(each, name) for each in glitches], dtype=int) for name in ("row", "samples"))
+    for (row, count, both), (order, _) in zip(glitches, bridging.best_crossings(samples, rows, counts), strict=True):
         for name in ("gyro", "accel") if both else ("gyro",):
             first = max(row - bridging.SIDE, 0)
             near = np.array(getattr(samples, name)[first : row + count + bridging.SIDE])
             for at in mended[name].keys() & set(range(first, first + len(near))):
                 near[at - first] = mended[name][at]
-            put_in = bridging.across(near, row - 1 - first, row + count - first, count, orders[count])
+            put_in = bridging.across(near, row - 1 - first, row + count - first, count, order)
             mended[name] |= dict(zip(range(row, row + count), put_in, strict=True))
     for name, by_row in mended.items():
         if by_row:
@@ -371,6 +370,11 @@ class Crossing(NamedTuple):
     missed_rad: float
 
 
-def crossing(samples: Samples, event: RegisterFault, length: int) -> Crossing:
-    """The best crossing of an event; length: samples lost each time, for a loss."""
-    return Crossing(*bridging.best_order(samples, np.array([event.row]), event.samples or max(length, 1)))
+def crossings(logs: Sequence[Samples], events: Sequence[RegisterFault], length: int) -> dict[RegisterFault, Crossing]:
+    """The best crossing of each event; length: samples lost each time, for a loss."""
+    found = {}
+    for number in {event.log for event in events}:
+        own = [event for event in events if event.log == number]
+        rows, counts = (np.array([getattr(event, name) for event in own], dtype=int) for name in ("row", "samples"))
+        found |= dict(zip(own, (Crossing(*each) for each in bridging.best_crossings(logs[number], rows, counts, length)), strict=True))
+    return found

@@ -323,6 +323,8 @@ def test_a_column_without_a_direction_of_its_own_takes_none():
     once, twice = (linear_estimate(r, np.ones((5, count)), own, 1.0) for count in (1, 2))
     assert_allclose(once[0], twice[0])
     assert_allclose(once[1], twice[1])
+    none = np.column_stack([np.ones(5), np.ones(5), np.zeros(5)])
+    assert_allclose(each_alone(r, none, np.eye(5)), each_alone(r, none[:, :1], np.eye(5)))
 
 
 def test_errors_without_a_sigma_are_below_a_limit_or_not():

@@ -292,7 +292,7 @@ def each_alone(r: np.ndarray, J: np.ndarray, columns: np.ndarray) -> tuple[np.nd
 
     Its size is pull / information, of sigma information^-1/2, and removes a chi-square of pull^2 / information.
     """
-    q = np.linalg.qr(J)[0]
+    q = orthonormal(J)
     left = columns - q @ (q.T @ columns)
     information = np.sum(left**2, axis=0)
     return left.T @ r, np.where(information > NOTHING_LEFT * np.sum(columns**2, axis=0), information, np.nan)

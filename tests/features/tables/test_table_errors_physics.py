@@ -486,6 +486,14 @@ def test_a_mismatch_without_a_name_is_claimed_as_far_as_its_p_value_goes(clean, 
     assert ("no effect in the catalogue fits it" in found.rows[0][1]) == (verdict == "unexplained")
 
 
+def test_limits_stand_where_there_are_any(clean):
+    of, selected = clean
+    of_gyroscope = {("gyro.scale_asymmetry", ""): (0.1, "fraction")}
+    for limits, begins in ((selected.limits, "not seen, and would be from: "), (of_gyroscope, "inseparable here: a part of ")):
+        assert dict(TableShown(of, replace(selected, limits=limits)).rows)["limits"].startswith(begins)
+    assert "limits" not in dict(TableShown(of, replace(selected, limits=of_gyroscope, hidden={})).rows)
+
+
 def test_sizes_beyond_what_is_declared_are_known(clean):
     _, selected = clean
     model, declared = NoiseModel(Comparison(selected.observed)), 0.01 * DEG

@@ -165,9 +165,12 @@ def trait_of(
         how = {"matters": EARTH_RATE_RPS, "claimed": f"the Earth's {EARTH_RATE_RPS / DEG_PER_HOUR:.1f} °/h"}
         how["p_claimed"] = p_earth if p_other < LEVEL else 1.0
     everywhere = f"{effect.id} in all units" if not unknown else f"{effect.id} in {_of_units(numbers)}"
-    what = f"{everywhere}, of one size" if p_other < LEVEL else f"{named}, of one size in {len(numbers)} units"
+    what = f"{everywhere}, of one size" if p_other < LEVEL else named
+    if p_other >= LEVEL and len(numbers) > 1:
+        what += f", of one size in {len(numbers)} units"
     if odd:  # a limit of one size is none of theirs
-        found["upper"] = np.inf
+        _, limit, largest = max((pooled([k]) for k in range(len(numbers))), key=lambda each: each[2]["upper"])
+        found["upper"] = largest["upper"]
     statement = Statement.of(what, EVIDENCE, p_other, size, limit, **found, **how, more=more, figures=figures)
     if effect.id == EARTH or statement.standing is Standing.FOR:
         figures["scope"] = COMMON if effect.id == EARTH else ALIKE

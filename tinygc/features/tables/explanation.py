@@ -203,15 +203,16 @@ class TableShown:
         rows += [("", words) for words in shown["doubts"]]
         if not shown["effects"] and shown["suspected"]:
             rows.append(("", f"suspected, and not shown: {', '.join(shown['suspected'])}"))
-        seen = (
+        seen = [
             f"{each['id'].removeprefix('table.')} {each['where']} {each['detection_limit']:.2g} {each['unit']}"
             for each in shown["undecided"]
-        )
-        rows.append(("limits", f"not seen, and would be from: {'; '.join(seen)}"))
-        for each in shown["inseparable"]:
-            rows.append(
-                ("", f"inseparable here: a part of {each['id']} ({each['where']}) from {', '.join(each['hidden_in'])}; {each['movement']}")
-            )
+        ]
+        limits = [f"not seen, and would be from: {'; '.join(seen)}"] if seen else []
+        limits += [
+            f"inseparable here: a part of {each['id']} ({each['where']}) from {', '.join(each['hidden_in'])}; {each['movement']}"
+            for each in shown["inseparable"]
+        ]
+        rows += zip(["limits", *[""] * len(limits)], limits, strict=False)
         late, noise = measured(shown["latency_ms"], shown["latency_std_ms"]), shown["noise"]
         rows.append(("word", f"{late} ms late against the sensor, its filter and stamps included"))
         rows.append(("", f"its stamps scatter by {noise['word_jitter_ms']:.2g} ms and wander by {noise['word_wander_ms']:.2g} ms"))

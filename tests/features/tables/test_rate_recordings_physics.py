@@ -63,6 +63,8 @@ def test_options_name_columns_unit_and_readings(tmp_path):
     assert not remarks
     assert "--readings" in read_points(path, Columns("r_dps", "y", "V"))[1][0]
     assert "--output-unit" in read_points(path, Columns("r_dps", "y", "", 100))[1][0]
+    path = csv(tmp_path / "n.csv", "rate_dps,mean_v,std,n", [f"{rate},{rate},0.2,many" for rate in RATES])
+    assert read_points(path, Columns(readings=100))[0][0].sigma == pytest.approx(np.full(5, 0.02))
 
 
 @pytest.mark.parametrize(
@@ -255,6 +257,9 @@ def test_sigmas_and_bounds_of_a_csv(tmp_path):
     assert len(read_rows("f_hz,gain,phase_deg", "1e5,1e6,0", "1.1e-5,1.1e-6,0").gain) == 2
     with pytest.raises(FormatError, match="line 3: gain is 'x', expected a number"):
         read_rows("f_hz,gain,phase_deg", plain[0], "2,x,0")
+    for header, missing in (("f_hz,gain (dB),phase_deg", "gain"), ("f_hz,gain,phase [rad]", "phase_deg")):
+        with pytest.raises(FormatError, match=f"no column {missing} among"):
+            read_rows(header, *plain)
 
 
 def test_what_a_sweep_says():

@@ -247,8 +247,9 @@ def read_points(path: Path, columns: Columns | None = None) -> tuple[list[Points
     if not unit:
         unit = "units"
         remarks.append(f"The column {printable(header[output])!r} states no unit; --output-unit V gives one.")
+    stated = None if columns.readings else readings  # the option's number is that of every row
     rate_dps, outputs, spread, count = (
-        np.full(len(rows), np.nan) if column is None else numbers_in(path, header, rows, column) for column in (rate, output, std, readings)
+        np.full(len(rows), np.nan) if column is None else numbers_in(path, header, rows, column) for column in (rate, output, std, stated)
     )
     rate_dps *= _rate_factor(path, header[rate])
     count = np.full(len(rows), float(columns.readings)) if columns.readings else count

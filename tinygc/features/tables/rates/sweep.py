@@ -18,7 +18,7 @@ from session.base.errors import DataError, FormatError
 from session.base.numeric import rms_of
 from session.base.texts import measured, printable
 from session.base.units import DEG
-from tinygc.features.tables.rates.points import column_of, numbers_in, read_table
+from tinygc.features.tables.rates.points import numbers_in, read_table
 from tinygc.features.tables.rates.terms import size
 from tinygc.inference.choose import of_any_scale, weights_of
 from tinygc.inference.solve import solve
@@ -195,7 +195,13 @@ def _bandwidth(
 
 def is_response(header: list[str]) -> bool:
     """Whether a CSV's header is that of gains and phases at frequencies."""
-    return column_of(header, FREQUENCY) is not None and column_of(header, GAIN) is not None
+    return _column(header, FREQUENCY) is not None and _column(header, GAIN) is not None
+
+
+def _column(header: list[str], names: tuple[str, ...]) -> int | None:
+    """The column with the first of these names, which hold its unit: a gain in dB, or a phase in rad, is none."""
+    plain = [name.lower() for name in header]
+    return next((plain.index(name) for name in names if name in plain), None)
 
 
 def read_response(path: Path) -> Response:
@@ -203,7 +209,7 @@ def read_response(path: Path) -> Response:
     header, rows = read_table(path)
 
     def values(wanted: tuple[str, ...], absent: np.ndarray | None = None) -> np.ndarray:
-        if (number := column_of(header, wanted)) is not None:
+        if (number := _column(header, wanted)) is not None:
             return numbers_in(path, header, rows, number)
         if absent is not None:
             return absent

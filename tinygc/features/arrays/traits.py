@@ -169,8 +169,8 @@ def trait_of(
     if p_other >= LEVEL and len(numbers) > 1:
         what += f", of one size in {len(numbers)} units"
     if odd:  # a limit of one size is none of theirs
-        _, limit, largest = max((pooled([k]) for k in range(len(numbers))), key=lambda each: each[2]["upper"])
-        found["upper"] = largest["upper"]
+        limit = max((pooled([k]) for k in range(len(numbers))), key=lambda each: each[2]["upper"])[1]
+        found["upper"] = np.inf
     statement = Statement.of(what, EVIDENCE, p_other, size, limit, **found, **how, more=more, figures=figures)
     if effect.id == EARTH or statement.standing is Standing.FOR:
         figures["scope"] = COMMON if effect.id == EARTH else ALIKE

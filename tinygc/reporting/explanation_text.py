@@ -39,8 +39,10 @@ def explanation_facts(e: Explanation, panels: Sequence[Part] = (), with_next: bo
     parts: list[Part] = [verdict_line(e), *([] if e.decision is None else [one_line(f"fit: {e.decision.headline}", "dim")]), ""]
     among = " among the catalogue's effects" if e.verdict in LEFT else ""
     # Warnings of the first look come before findings without a name: they are the likelier cause.
-    for line in (*(Text(f"First look: {w.where}: {w.what}: {w.says}; {w.do}", "yellow") for w in e.warnings), *families_of(e)):
-        parts += [line if isinstance(line, Text) else line.words, ""]
+    for warning in e.warnings:
+        parts += [Text(f"First look: {warning.where}: {warning.what}: {warning.says}; {warning.do}", "yellow"), ""]
+    for family in families_of(e):
+        parts += [family.words, ""]
     for claim, style in (*((claim, "bold cyan") for claim in e.claimed), *((claim, "bold magenta") for claim in e.findings)):
         named = style == "bold cyan"
         chance = f"   probability {chance_words(claim.probability)}{among * named}, p {p_words(claim.p_value, claim.p_is_bound)}"

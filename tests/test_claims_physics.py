@@ -13,7 +13,7 @@ from session.base.texts import measured
 from session.base.units import DEG, EARTH_RATE_RPS
 from tinygc.effects import AppliedEffect, Movement, catalogue
 from tinygc.effects.effect import StatedNumbers
-from tinygc.explanation import data_repair, engine
+from tinygc.explanation import data_repair, engine, reported
 from tinygc.explanation.checked import (
     OUTCOMES,
     STRONG,
@@ -32,6 +32,7 @@ from tinygc.explanation.claims import (
     Claim,
     Considered,
     _against_stated,
+    claim_of,
     described,
     named_claims,
     offset_claim,
@@ -55,6 +56,35 @@ ASYMMETRY, EARTH, DRIFT = (EFFECTS[name] for name in ("gyro.scale_asymmetry", "e
 
 
 # Numbers and p-values as text.
+
+
+def test_a_claim_is_as_uncertain_as_what_it_follows():
+    """The energy of vibration is known to a tenth; an axis of an asymmetry follows nothing."""
+    theta, covariance = np.array([3.0, -4.0, 0.0]), np.diag([1.0, 4.0, 9.0])
+    for effect, more in ((VIBRATION, [0.09, 0.16, 0.0]), (ASYMMETRY, np.zeros(3))):
+        claim = claim_of(AppliedEffect(effect, theta), covariance, 0.01)
+        assert claim.theta == pytest.approx(theta)
+        assert claim.covariance == pytest.approx(covariance + np.diag(more))
+
+
+@pytest.mark.parametrize("source", ["estimated", "none"])
+def test_what_every_report_states_beyond_the_linear_model_is_per_g_and_between_both_senses(source):
+    """Twice the half by which a scale differs; without a latitude, the diagonal of the g-sensitivity may be the Earth's vertical rate."""
+    k, half = np.arange(1.0, 10.0) * 1e-3 * DEG, np.array([100e-6, -50e-6, 0.0])
+    claims = [AppliedEffect(EFFECTS["gyro.g_sensitivity"], k), AppliedEffect(ASYMMETRY, half)]
+    sigma = [np.full(9, 1e-3 * DEG), np.array([20e-6, 30e-6, 1.0])]
+    fit = SimpleNamespace(
+        state=SimpleNamespace(claims=claims), theta_covariance=lambda number: np.diag(sigma[number] ** 2) / 4, widened=4.0
+    )
+    twin = SimpleNamespace(start=lambda: SimpleNamespace(claims=()), problem=SimpleNamespace(earth=SimpleNamespace(source=source)))
+    with patch.object(reported, "refit", return_value=fit):
+        facts = reported.beyond_linear(twin, None)
+    assert [fact.name for fact in facts[:2]] == ["g-sensitivity x per g on x", "g-sensitivity x per g on y"]
+    assert [fact.value for fact in facts] == pytest.approx([*np.arange(1.0, 10.0) * 1e-3, 200.0, -100.0, 0.0])
+    earth = (source == "none") * EARTH_RATE_RPS / DEG / np.sqrt(3) * np.eye(3).ravel()
+    assert [fact.sigma for fact in facts] == pytest.approx([*np.hypot(1e-3, earth), 40.0, 60.0, 2e6])
+    assert [bool(fact.note) for fact in facts] == [*(earth > 0), False, False, False]
+    assert [fact.observed for fact in facts] == [True] * 11 + [False]
 
 
 @pytest.mark.parametrize(

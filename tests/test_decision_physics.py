@@ -125,7 +125,8 @@ def test_a_scanned_shape_moves_with_the_rows_that_are_seen():
         have = evidence.of((step.at(at),), evidence.nothing)
         before, after = (have.whiten(evidence.columns(step.at(each))) for each in near)
         moved, prior = (after - before) @ have.fit.state.claims[0].theta / 2, evidence.prior(have.fit)
-        expected = improvement_p(twin, have, prior, 0, moved)
+        with patch.object(decision, "left_out", wraps=decision.left_out) as kept:
+            expected = improvement_p(twin, have, prior, 0, moved)
         with patch.object(decision, "improvement_p", return_value=expected) as asked:
             assert borne_out(evidence, have, 0) == (expected < 0.05)
         assert_allclose(asked.call_args.args[-1], moved)
@@ -133,6 +134,8 @@ def test_a_scanned_shape_moves_with_the_rows_that_are_seen():
         fewer, wider = np.delete(J, slice(15, 17), axis=1), np.column_stack([J, moved])
         r = have.fit.r - have.fit.J[:, 15:17] @ have.fit.state.claims[0].theta
         settled = [x - y @ np.linalg.solve(y.T @ y + np.eye(y.shape[1]), y.T @ x) for y, x in ((fewer, r), (wider, have.fit.r))]
+        for call, columns in zip(kept.call_args_list, (fewer, wider), strict=True):
+            assert_allclose(call.args[-1], columns)
         gains = [_per_segment(twin, have, refitted_without(twin, have, *each)) for each in zip((fewer, wider), settled, strict=True)]
         assert expected == pytest.approx(stats.wilcoxon(gains[0] - gains[1], alternative="greater").pvalue)
 

@@ -163,7 +163,7 @@ def adopt(fit: FitResult, explanation: Explanation | None) -> Adopted:
                 name=PHYSICS,
                 model=model_at(judged.vector, claims, known),
                 claims=claims,
-                quantities=field_facts(judged.vector[:PARAMETERS], judged.covariance[:PARAMETERS, :PARAMETERS]),
+                quantities=field_facts(judged.vector[:PARAMETERS], judged.covariance[:PARAMETERS, :PARAMETERS], judged.unobserved),
                 accelerometer=problem.session.config.accelerometer,
             )
     linear = fit.linear.linear

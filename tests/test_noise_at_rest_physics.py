@@ -22,7 +22,7 @@ from tinygc.closure.floor import GRID_RPS, BiasInstability, allan_freedom
 from tinygc.closure.problem import MeasuredNoise, NoiseComparison
 from tinygc.closure.stills import StillSet
 from tinygc.inference.choose import ONE_SIDED
-from tinygc.noise.figures import SensorNoise
+from tinygc.noise.figures import AllanBand, SensorNoise
 from tinygc.noise.measured import (
     SHOWN,
     _allan_variance_of,
@@ -32,6 +32,7 @@ from tinygc.noise.measured import (
     measured_noise,
     rms_of_axes,
 )
+from tinygc.reporting.html.sections import noise_at_rest
 
 DPH = DEG / 3600
 FLICKER = 2 * np.log(2) / np.pi
@@ -222,3 +223,17 @@ def test_an_axis_that_is_not_described_is_no_prior_and_is_compared_with_nothing(
     assert beside.rps == pytest.approx(alone.rps, rel=1e-12)
     assert _session_instability(SensorNoise((bad,) * 3), 300.0) is None
     assert rms_of_axes(SensorNoise((good, good, bad)), "B")[0] == pytest.approx(5 * DPH)
+
+
+@pytest.mark.parametrize(("session_s", "drawn"), [(600.0, True), (5e4, False), (None, None)])
+def test_the_length_of_a_session_is_drawn_among_the_averaging_times_of_a_rest(session_s, drawn):
+    """A file without Allan deviations has no picture."""
+    figures = figures_of(sensor(axis_of(N=(4e-4, 2e-5), K=(2e-5, 1e-6))))
+    if drawn is None:
+        assert noise_at_rest._model(figures, 600.0) is None
+        return
+    tau_s = np.geomspace(0.1, 9e3, 40)
+    deviation = np.sqrt(np.stack([axis.allan_variance(tau_s) for axis in figures.gyro.axes], axis=1))
+    panel = noise_at_rest._model(replace(figures, allan={"gyro": AllanBand(tau_s, deviation, 0.9 * deviation, 1.1 * deviation)}), session_s)
+    assert ("length of this session" in [mark.name for mark in panel.marks]) == drawn
+    assert panel.svg(600.0)

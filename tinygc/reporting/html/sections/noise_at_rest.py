@@ -71,7 +71,9 @@ def _model(figures: NoiseFigures, session_s: float) -> Panel | None:
     """Allan deviation of the gyroscope at rest, with the length of this session; None where the file has none."""
     if (band := figures.allan.get("gyro")) is None:
         return None
-    return deviations("gyro", figures.gyro, thinned(band)).upright(session_s, "after", name="length of this session")
+    panel = deviations("gyro", figures.gyro, thinned(band))
+    first, last = panel.ends()[0]
+    return panel.upright(session_s, "after", name="length of this session") if first < session_s < last else panel
 
 
 def still_pieces(problem: Problem, model: RateMap) -> list[np.ndarray]:

@@ -159,8 +159,8 @@ def cost(x: np.ndarray, V: Sequence[Stacked], stacks: Sequence[Stack]) -> tuple[
 CANDIDATES = (FILTER, "Q", "G", "B", "K", "R")
 #: prior odds of a term: with them a rest of white noise has another term named in less than 2 of 100 (benchmarks/noise_terms.py)
 ODDS = 0.2
-#: prior odds of B and of K in the mean of a size over sets.  The odds of a name keep false names rare; a floor that rises has both as a
-#: rule, and which one is named is chance (benchmarks/noise_terms.py --sizes)
+#: terms of even odds in the mean of a size over sets.  The odds of a name keep false names rare; a floor that rises has both as a rule, and
+#: which one is named is chance (benchmarks/noise_terms.py --sizes)
 EVEN = frozenset("BK")
 #: prior odds of a filter's trace where a finer scale was left out, which the filter has shaped; at the finest scale there is none: means of
 #: one sample are not longer than the filter's memory
@@ -276,7 +276,7 @@ class Search:
     def average(self, name: str, wider: float = 1.0) -> tuple[float, float]:
         """Return the mean of s of a term over all sets, and its sigma; wider: factor on each set's own sigma.
 
-        A set has the term lognormal, or lacks it: s = 0.  B and K are present with odds ``EVEN``.
+        A set has the term lognormal, or lacks it: s = 0.  Those of ``EVEN`` are present with even odds.
         """
         scores = [each.score + 2 * len(each.ids & EVEN) * np.log(ODDS) for each in self.seen]
         each = [(np.log(s) / 2, wider * chosen.log_sigma(name)) if (s := chosen.variance(name)) else (-np.inf, 0.0) for chosen in self.seen]

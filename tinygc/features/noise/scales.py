@@ -299,9 +299,7 @@ def unsteady(rests: Sequence[Rest], channel: int, residuals: Sequence[np.ndarray
         p_value, noisier, times, samples = min(looks, default=(1.0, 0, 1.0, 0))
         if p_value * max(len(looks), 1) < STEADY:
             over_s, which = samples / 2 * period_s, ("first", "second")[noisier]
-            said.append(
-                f"over {over_s:.3g} s, the noise of its {which} half is {times:.2g} times that of the other; the figures are their mean."
-            )
+            said.append(f"over {over_s:.3g} s, the noise of its {which} half is {times:.2g} times that of the other{MEAN}")
     long = [k for k, rest in enumerate(rests) if rest.counts[:, 0].sum() >= MANY_WINDOWS]
     if len(long) > 1:
         squares, freedom = np.array(whole)[long].T

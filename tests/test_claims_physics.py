@@ -24,6 +24,7 @@ from tinygc.explanation.checked import (
     _Prediction,
     _weighed_by,
     headings,
+    named_in,
     outcome_of,
     size_of,
 )
@@ -361,6 +362,16 @@ def sized(effect, theta, covariance):
 
 
 NAMED = sized(ASYMMETRY, THETA, COVARIANCE)
+
+
+def test_what_a_clock_is_off_by_is_as_measured_and_a_shape_without_a_name_is_no_name():
+    """A fit may hold what is left of a clock alone; of one that is not known it says nothing."""
+    clock = sized(EFFECTS["timing.gyro_accel_offset"], np.array([1e-4]), np.array([[1e-9]]))
+    claimed = [clock, replace(NAMED, effect=replace(ASYMMETRY, id="unknown.bias")), NAMED]
+    for known, theta, variance in ((None, 1e-4, 1e-9), ((np.array([2e-3]), np.array([[4e-8]])), 2e-3, 4e-8)):
+        found, other = named_in(SimpleNamespace(claimed=claimed, measured={clock.effect.id: known}))
+        assert (found.effect, found.theta.item(), found.covariance.item()) == (clock.effect, theta, variance)
+        assert (other.effect, other.theta, other.covariance) == (ASYMMETRY, THETA, COVARIANCE)
 
 
 def there(share, wider=1.0):

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from types import SimpleNamespace
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -9,9 +10,11 @@ from conftest import DEG, Table, session_of
 from numpy.testing import assert_array_equal
 from small_turns import PERFECT, angles_by_scipy, small_turns, turned_ends
 
+from session.base import rotation
 from session.log.samples import Samples
 from tinygc.closure.build import build_problem
 from tinygc.closure.least_squares import fit_least_squares
+from tinygc.explanation import clipped_turns
 from tinygc.explanation.clipped_turns import (
     _find_plateaus,
     _plateaus_of,
@@ -163,6 +166,19 @@ def test_a_motor_turns_at_one_rate_and_is_not_clipped():
     assert (found.borne_out, found.known_to) == (False, pytest.approx(0.02 * found.level))
     assert "gyro.saturation" not in repair(problem).found
     assert _find_plateaus(Table().rest(4).steady(200, (1, 0, 0), 0.011).rest(4).samples(), FS) is None
+
+
+def test_a_still_turns_if_its_rate_is_ten_times_the_scatter_of_all_and_along_gravity():
+    """Of a normal error in three axes, the median length is 1.54 sigmas; the bias that all have in common is none of it."""
+    rate = np.kron(1.54 * np.eye(3), [[1.0], [-1.0], [1.0], [-1.0]])
+    further = np.array([[0, 0, 9.9], [0, 0, -10.1], [0, 10.1, 10.1], [0, 3.6, -11.0], [0, -10.1, 0], [0, 0, -9.9]])
+    rate = np.concatenate([rate, further]) * DEG + [0.3, -0.2, 5.0]
+    fallen = rotation.exp(np.array([np.pi / 2, 0, 0]))  # whose z axis is level
+    for q, expected in (([1.0, 0, 0, 0], [14, 16]), (fallen, [17])):
+        twin = SimpleNamespace(start=lambda: None, residuals=lambda state: SimpleNamespace(still=rate), q_tb=np.tile(q, (len(rate), 1)))
+        stills = [SimpleNamespace(problem="moves"), *(SimpleNamespace(problem=None) for _ in rate)]
+        with patch.object(clipped_turns, "Twin", return_value=twin):
+            assert about_the_vertical(SimpleNamespace(stills=stills)) == expected
 
 
 def test_a_still_that_turns_about_the_vertical_is_rejected():

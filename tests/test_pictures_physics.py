@@ -11,7 +11,7 @@ from session.base.units import DEG
 from tinygc.effects import catalogue
 from tinygc.noise.twin import Variable
 from tinygc.reporting.pictures import in_turns
-from tinygc.reporting.pictures.values import at_constant
+from tinygc.reporting.pictures.values import ahead_of, at_constant
 
 FS, FIRST_C = 500.0, 25.0  #: dps, degC
 
@@ -33,6 +33,15 @@ def test_a_law_at_a_constant_movement_is_its_equation(name, variable, at, one):
     share = name in ("gyro.scale_nonlinearity", "gyro.scale_asymmetry", "gyro.thermal_scale")
     found = at_constant(catalogue()[name], np.array([0.0, 1e-3, 0.0]), like, variable, 1, np.array([at]), per_rate=share)
     assert found == pytest.approx([1e-3 * one], rel=1e-9)
+
+
+def test_what_turns_miss_is_seen_along_what_an_effect_moves_them_by():
+    """3, 4, 5; the largest angle's sign; a turn that it does not move; sigmas of two angles apart."""
+    own, missed = np.array([[3.0, -4.0], [-0.6, 0.0], [0.0, 0.0]]), np.array([[1.0, 2.0], [5.0, 7.0], [1.0, 1.0]])
+    signed, (along,), sigma = ahead_of(own, [missed], np.array([[1.0, 2.0], [3.0, 9.0], [1.0, 1.0]]))
+    assert signed == pytest.approx([-5.0, -0.6, 0.0])
+    assert along == pytest.approx([-0.6 + 1.6, 5.0, 0.0])
+    assert sigma == pytest.approx([np.hypot(0.6, 1.6), 3.0, 0.0])
 
 
 def test_the_closure_over_the_data_rate_leads_to_the_native_one():

@@ -39,6 +39,11 @@ THETA = np.array([3.0, -2.0, 2.5]) * DEG
 FS_RPS = 500 * DEG
 
 
+@pytest.mark.parametrize(("worse", "chi_worse", "nearest"), [(4.0, np.inf, 4.0), (4.0, 1.0, 1.0), (-2.0, 1.0, -2.0)])
+def test_a_rival_is_as_near_as_the_lesser_of_evidence_and_chi_square(worse, chi_worse, nearest):
+    assert search_state.Rival(ROOT_CUBE, as_effect(ROOT_CUBE, "discovered.other", 1.0), worse, 0.9, chi_worse).nearest == nearest
+
+
 class Seen:
     """A session, what is fitted to it, and forms; law(…): a fit whose residuals are noise and what a law adds."""
 

@@ -23,7 +23,7 @@ from tinygc.cli.commands import commands
 
 def masked(text: str) -> str:
     """The words: numbers and the widths of columns left out."""
-    text = re.sub(r"[-−+]?\d[\d.,\u202f]*(e[-+]\d+)?", "#", text)
+    text = re.sub(r"[-−+]?\d[\d.,]*(e[-+]\d+)?", "#", text)
     text = re.sub(r"[─━═╭╮╰╯│┃▁▂▃▄▅▆▇█ \t]+", " ", text)
     return "\n".join(line.strip() for line in text.splitlines() if line.strip()) + "\n"
 

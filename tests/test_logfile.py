@@ -8,6 +8,7 @@ from conftest import SESSION_TOML
 from dialect_logs import ACCEL_G, ACCELS, GYRO_DPS, GYROS, HEADER, SENSOR, TEMPS, TIMES, G, assert_the_four_readings, read, text_of
 
 from session.base.errors import DataError, FormatError
+from session.detect.first_look import first_look
 from session.log.config import Sensor
 from session.log.lines import PIECE_BYTES, Lines
 from session.log.reader import Reader
@@ -181,9 +182,11 @@ def test_beyond_the_first_megabyte_lines_are_counted_and_a_counter_runs_on(tmp_p
     (tmp_path / "log.csv.gz").write_bytes(packed[: len(packed) // 2])
     (tmp_path / "session.toml").write_text(SESSION_TOML)
     (tmp_path / "log0001.csv").unlink()
-    (log,) = read_session(tmp_path).logs
+    session = read_session(tmp_path)
+    (log,) = session.logs
     assert 5_000 < len(log.samples) < 15_000
-    assert any("breaks off" in note for note in log.notes)
+    (finding,) = [each for each in first_look(session, log, [], None) if "breaks off" in each.says]
+    assert (finding.level, finding.do) == ("warning", "copy it again, whole: turns may be missing")
 
 
 def packed(*texts):

@@ -113,7 +113,7 @@ def _in_shell(character: str) -> str:
 STANDIN_NAME, SENSOR_NAME = "stand-in", "sensor"
 
 
-# Numbers for reading: only significant digits, a true minus sign, thin spaces between thousands.
+# Numbers for reading: only significant digits, a true minus sign.
 
 NONE = "–"
 #: beyond which a value is written with a power of ten
@@ -124,7 +124,7 @@ def fixed(value: float, decimals: int) -> str:
     """Number with a fixed count of decimals."""
     if not isfinite(value):
         return NONE
-    text = f"{value:,.{max(decimals, 0)}f}".replace(",", "\u202f").replace("-", "−")
+    text = f"{value:.{max(decimals, 0)}f}".replace("-", "−")
     return text.removeprefix("−") if not any(digit in "123456789" for digit in text) else text
 
 

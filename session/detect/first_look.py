@@ -55,6 +55,7 @@ from session.detect.signatures import FILTER, check_signatures, explains_others
 from session.detect.stills import Noise, SessionStills, Still, UnusedRest, references
 from session.log.config import HOST_CLOCK, Config, read_config
 from session.log.folder import Session, read_session
+from session.log.lines import BREAKS_OFF
 from session.log.logfile import Log, read_log
 from session.log.samples import Samples, extremes, mapped, times
 
@@ -87,7 +88,12 @@ def first_look(
     good = references(stills)
     missing_accel = session.reference is not None
     findings = [
-        *(Finding("note", where, "reading", note) for note in log.notes),  # what the reader repaired or left out
+        *(
+            Finding("warning", where, "reading", note, "copy it again, whole: turns may be missing")
+            if note == BREAKS_OFF
+            else Finding("note", where, "reading", note)  # what the reader repaired or left out
+            for note in log.notes
+        ),
         *check_comments(log, config.sensor),
         *check_rate(log, config.sensor),
         *check_stamps(log, noise, config.protocol.segment_s),

@@ -18,6 +18,8 @@ from session.base.files import MB, open_file, open_stream, unreadable
 
 #: what begins UTF-16, and what is said of it
 UTF_16, UTF_16_NOTE = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE), "UTF-16: read as text"
+#: what is said of a file of which no one knows how much is lost
+BREAKS_OFF = "the compressed file breaks off: the part before is used"
 
 
 def _windows(error: UnicodeError) -> tuple[str, int]:
@@ -206,7 +208,7 @@ class Lines:
             raise FormatError(f"{self._path.name}: not a gzip file, or a damaged one; unpack it or give it its right name")
         if self._strict:
             raise FormatError(f"{self._path.name}: the compressed file is broken; pack it again")
-        self.note = "the compressed file breaks off: the part before is used"
+        self.note = BREAKS_OFF
         return b""
 
 

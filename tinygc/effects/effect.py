@@ -275,7 +275,7 @@ class Effect:
     it follows, which no residual shows; it widens the stated std; gauge_convention: what the closure does not determine;
     occurs: for a register effect, the parameter that contains the times.
 
-    Use.  conditions: variable and unit that it is plotted and located along; picture: a name of ``picture.PAIRS`` or a function;
+    Use.  conditions: variable and unit that it is plotted and located along; picture: a name of ``PAIRS`` or a function;
     of_readings: the same effect acting on the readings, after the linear errors; ``on_readings``: whether this is that form.
     wider: the same cause with more numbers.  Model selection compares these forms with the effect.
     reference_conditions: full scale and temperature of its constants, where it is tested.

@@ -94,8 +94,6 @@ class Answer:
 # A value against its limits.
 
 Verdict = Literal["pass", "fail", "not decided"]
-#: between thousands on a page; a terminal shows it as an escape
-THIN = "\u202f"
 
 
 def quantile(share: float, freedom: float = np.inf) -> float:
@@ -205,8 +203,8 @@ class Fact:
     def stated(self) -> str:
         """Value ± U to two digits of U, the value alone where U is not known, or that it is not observed."""
         if not self.observed or not np.isfinite(self.value):
-            return "not observed" + ("" if np.isnan(self.at_most) else f"; at most {_significant(self.at_most, 2)}")
-        return measured(self.value, self.expanded) if self.expanded > 0 else _significant(self.value)
+            return "not observed" + ("" if np.isnan(self.at_most) else f"; at most {significant(self.at_most, 2)}")
+        return measured(self.value, self.expanded) if self.expanded > 0 else significant(self.value)
 
 
 @dataclass(frozen=True)
@@ -325,10 +323,10 @@ class Conformity:
         lower, upper = self.limits
         unit = self.measured.unit if self.measured.unit == "°" else f" {self.measured.unit}"
         if not np.isfinite(lower):
-            return f"at most {_significant(upper)}{unit}"
+            return f"at most {significant(upper)}{unit}"
         if not np.isfinite(upper):
-            return f"at least {_significant(lower)}{unit}"
-        return f"{_significant(lower)} to {_significant(upper)}{unit}"
+            return f"at least {significant(lower)}{unit}"
+        return f"{significant(lower)} to {significant(upper)}{unit}"
 
     @property
     def value_words(self) -> str:
@@ -374,10 +372,6 @@ class Conformity:
         }
         known = {key: value if value is not None and np.isfinite(value) else None for key, value in numbers.items()}
         return {"quantity": m.key, "name": m.name, "unit": m.unit, "rule": self.rule.kind, "answer": self.answer} | known
-
-
-def _significant(value: float, digits: int = 3) -> str:
-    return significant(value, digits).replace(THIN, "")
 
 
 def share_words(share: float) -> str:

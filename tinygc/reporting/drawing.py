@@ -583,8 +583,7 @@ def _svg(shape: Shape) -> str:
     if shape.style in TEXTS:
         ((x, y),) = shape.parts[0]
         anchor = "" if shape.anchor == "start" else f' text-anchor="{shape.anchor}"'
-        words = "\u202f".join(map(escape, shape.says[0].split("\u202f")))  # thin spaces of numbers
-        return f'<text {kind} x="{_px(x)}" y="{_px(y)}"{anchor}>{words}</text>'
+        return f'<text {kind} x="{_px(x)}" y="{_px(y)}"{anchor}>{escape(shape.says[0])}</text>'
     opacities = () if shape.opacity is None else shape.opacity
     pale = [f' style="opacity:{STYLES[shape.style][2] * value:.2g}"' if value < 0.995 else "" for value in opacities]
     if shape.radius:

@@ -142,7 +142,7 @@ def words(cell: Any) -> str:
         return NONE
     if isinstance(cell, tuple):
         return NONE if cell[0] is None or not isfinite(cell[0]) else measured(*cell)
-    return significant(cell).replace("\u202f", "").replace("−", "-") if isinstance(cell, float) else str(cell)
+    return significant(cell).replace("−", "-") if isinstance(cell, float) else str(cell)
 
 
 def page(kicker: str, heading: str, chapters: Iterable[Chapter], foot: str) -> str:

@@ -276,7 +276,7 @@ def test_what_a_sweep_says():
     ratio = 1 / transfer("first", f, found.vector)
     assert found.left == pytest.approx((np.sqrt(np.mean((np.abs(ratio) - 1) ** 2)), np.sqrt(np.mean(np.angle(ratio) ** 2))))
     said, besides = " ".join(found.lines), " ".join(later.lines)
-    assert "delay -6.5 ± 3.0 ms: the sensor's, the table's declared latency taken off" in said.replace("\u202f", " ")
+    assert "delay -6.5 ± 3.0 ms: the sensor's, the table's declared latency taken off" in said
     for words in ("a delay below zero", "does not describe these points"):  # a delay by more than two sigmas
         assert words in said
         assert words not in besides

@@ -87,7 +87,7 @@ def test_what_made_the_sessions_is_recovered():
     for words in (
         "a drift is significant in bias x",
         "a shock between s5 and s6: scale factor error y by +9",
-        f"the bias of any other session: ± {' '.join(map(significant, sizes))} dps",
+        f"the bias of any other session: ± {' '.join(significant(each, 2) for each in sizes)} dps",
     ):
         assert words in said
     by_name = {row[0]: row[1:] for row in rows(history, history.numbers)}

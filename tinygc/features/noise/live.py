@@ -162,4 +162,4 @@ def _value(figures: NoiseFigures, kind: str, name: str) -> str:
         term = axis.terms[name]
         limit = "?" if term.at_most is None else f"< {significant(term.at_most / si, 2)}"
         words.append(significant(term.value / si) if term.is_determined else limit)
-    return f"{name} {' '.join(words)} {unit}".replace("\u202f", "")  # a terminal may not have the narrow space of thousands
+    return f"{name} {' '.join(words)} {unit}"

@@ -35,11 +35,11 @@ HERE = "tinygc.reporting.html"
 
 @cache
 def _environment(package: str) -> Environment:
-    """Jinja environment of a package's templates: values are escaped, control characters included; the thin space of numbers is kept."""
+    """Jinja environment of a package's templates: values are escaped, control characters included."""
     from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 
     def shown(value: object) -> object:
-        return value if hasattr(value, "__html__") else "\u202f".join(map(printable, str(value).split("\u202f")))
+        return value if hasattr(value, "__html__") else printable(str(value))
 
     loader = ChoiceLoader([PackageLoader(package), PackageLoader(HERE)])  # the macros are here
     environment = Environment(

@@ -32,8 +32,8 @@ STEP = 0.1
 
 
 def size(value: float, digits: int = 3) -> str:
-    """A size with a few digits, without thin spaces, which no terminal has."""
-    return significant(value, digits).replace("\u202f", "") if abs(value) >= 1e-6 or not value else f"{value:.{digits - 1}e}"
+    """A size with a few digits."""
+    return significant(value, digits) if abs(value) >= 1e-6 or not value else f"{value:.{digits - 1}e}"
 
 
 @dataclass(frozen=True)

@@ -309,7 +309,7 @@ def _size_cells(budget: Budget, row: Row) -> list[str]:
 
 def number(value: float) -> str:
     """Three significant digits."""
-    return significant(value).replace("\u202f", "").replace("−", "-") if value == 0 or 1e-4 <= abs(value) < 1e5 else f"{value:.3g}"
+    return significant(value).replace("−", "-") if value == 0 or 1e-4 <= abs(value) < 1e5 else f"{value:.3g}"
 
 
 def freedom_words(freedom: float) -> str:

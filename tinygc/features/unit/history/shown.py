@@ -12,8 +12,7 @@ from datetime import timedelta
 
 import numpy as np
 
-from session.base.texts import NONE, measured, probability
-from session.base.texts import significant as with_thin_spaces
+from session.base.texts import NONE, measured, probability, significant
 from session.base.units import DEG
 from tinygc.estimation.between_sessions import CHANCE, FEWEST_WITH_DRIFT, FEWEST_WITH_TEMPERATURE, LEAST_WARMTH_K, LOOKED_AT, ONE_SIGMA
 from tinygc.estimation.session_times import SOURCES, YEAR_S
@@ -37,11 +36,6 @@ MOST_COLUMNS = 4
 HIDDEN = 30.0
 #: title of the table of all sessions together
 TOGETHER = "What the sessions say together: scatter between them, drift, a step in any interval (95 %)"
-
-
-def significant(value: float, digits: int = 2) -> str:
-    """A size with a few digits, without thin spaces, which no terminal has."""
-    return with_thin_spaces(value, digits).replace("\u202f", "")
 
 
 def unit_facts(history: UnitHistory, outlooks: Sequence[Outlook], everything: bool = True) -> list[Part]:
@@ -75,7 +69,7 @@ def span_words(years: float) -> str:
     if years >= 1:
         return f"{years:.1f} years"
     days = years * 365.25
-    return f"{days:.0f} days" if days >= 2 else f"{significant(24 * days)} hours"
+    return f"{days:.0f} days" if days >= 2 else f"{significant(24 * days, 2)} hours"
 
 
 def session_words(history: UnitHistory, place: int) -> str:
@@ -115,8 +109,8 @@ def scatter_words(each: NumberHistory) -> str:
     assert each.scatter_interval is not None
     low, high = (end / each.number.si for end in each.scatter_interval)
     if low == 0:
-        return f"less than {significant(high)}"
-    return f"{significant(each.scatter / each.number.si)} ({significant(low)}–{significant(high)})"
+        return f"less than {significant(high, 2)}"
+    return f"{significant(each.scatter / each.number.si, 2)} ({significant(low, 2)}–{significant(high, 2)})"
 
 
 def drift_words(history: UnitHistory, each: NumberHistory) -> str:
@@ -125,7 +119,7 @@ def drift_words(history: UnitHistory, each: NumberHistory) -> str:
         return NONE
     if each.course.drifts:
         return measured(each.drift[0] / each.number.si, each.drift[1] / each.number.si)
-    return f"less than {significant(each.drift_limit / each.number.si)}"
+    return f"less than {significant(each.drift_limit / each.number.si, 2)}"
 
 
 def step_words(each: NumberHistory) -> str:
@@ -134,7 +128,7 @@ def step_words(each: NumberHistory) -> str:
         return NONE
     if each.step_limit > HIDDEN * (float(np.ptp(each.values)) + float(each.sigmas.max())):
         return "not limited"
-    return f"less than {significant(each.step_limit / each.number.si)}"
+    return f"less than {significant(each.step_limit / each.number.si, 2)}"
 
 
 def grouped(numbers: Sequence[Number]) -> str:
@@ -147,7 +141,7 @@ def lines(history: UnitHistory) -> list[str]:
     """What stands below the tables: any session, drifts, shocks, temperature, remarks."""
     found = []
     if (spread := history.any_session) is not None:
-        sizes = " ".join(significant(each) for each in spread.any_session(np.diag(history.sessions[-1].stated)[BIAS]) / DEG)
+        sizes = " ".join(significant(each, 2) for each in spread.any_session(np.diag(history.sessions[-1].stated)[BIAS]) / DEG)
         found.append(f"the bias of any other session: ± {sizes} dps from the last calibration's, x y z ({spread.source})")
     if (words := history.accelerometer_words) is not None:
         found.append(f"the accelerometer of any other session: {words} from the last calibration's, x y z")
@@ -166,7 +160,7 @@ def _drift_lines(history: UnitHistory) -> list[str]:
     if history.dated and not history.is_year_stated:
         long = span_words(float(history.at[-1]))
         return [f"a drift a year is not known: the history is {long} long, and a year more than {LONGEST_YEAR:g} times that"]
-    bar = f"p below {significant(CHANCE / LOOKED_AT)} in {LOOKED_AT} numbers: {CHANCE:.0%} by chance"
+    bar = f"p below {significant(CHANCE / LOOKED_AT, 2)} in {LOOKED_AT} numbers: {CHANCE:.0%} by chance"
     drifting = [each for each in history.numbers if each.course is not None and each.course.drifts]
     if not drifting:
         return [f"a drift is undecided in every number ({bar}); the table has its limits"]
@@ -208,7 +202,7 @@ def _warmth_lines(history: UnitHistory) -> list[str]:
     for each in told:
         value, sigma, limit = (1e3 * part / each.number.si for part in each.warmth or ())
         is_known = each.course is not None and each.course.warms
-        cells.append(f"{each.number.component} {measured(value, sigma) if is_known else f'undecided, less than {significant(limit)}'}")
+        cells.append(f"{each.number.component} {measured(value, sigma) if is_known else f'undecided, less than {significant(limit, 2)}'}")
     return [f"the bias over temperature, mdps/K, from {min(known):.1f} to {max(known):.1f} °C: {'; '.join(cells)}"]
 
 

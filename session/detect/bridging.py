@@ -71,9 +71,10 @@ class Crossings:
         places, factor = self._places[chosen], max(1.0, bent / self._bends[last - 1]) if last > first and self._bends[last - 1] > 0 else 1.0
         around = np.concatenate([np.arange(-SIDE, 0), np.arange(self._count, self._count + SIDE)])
         known, true = self._gyro[places[:, None] + around], self._gyro[places[:, None] + np.arange(self._count)]
-        errors = {order: np.einsum("cs,ksi->kci", _weights(self._count, order), known) - true for order in ORDERS}
-        order = min(errors, key=lambda each: float(np.mean(errors[each].sum(axis=1) ** 2)))
-        return order, factor * errors[order]
+        weights, sums = {order: _weights(self._count, order) for order in ORDERS}, true.sum(axis=1)
+        missed = {order: np.mean((np.einsum("s,ksi->ki", own.sum(axis=0), known) - sums) ** 2) for order, own in weights.items()}
+        order = min(missed, key=missed.__getitem__)
+        return order, factor * (np.einsum("cs,ksi->kci", weights[order], known) - true)
 
     def __len__(self) -> int:
         return len(self._places)

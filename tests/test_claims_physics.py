@@ -471,15 +471,16 @@ def test_a_number_that_no_segment_observes_has_none_beside_physics_either():
 
 
 @pytest.mark.parametrize(
-    ("passed", "unsound", "against", "expected"),
+    ("failed", "unsound", "against", "expected"),
     [
-        (True, [], [], "no_mismatch"),
-        (False, [], [], "no_mismatch"),  # above a limit
-        (False, ["worse than the raw rates"], [], "unexplained"),
-        (True, ["left open"], [], "no_mismatch"),
-        (True, ["differs"], ["turns"], "unexplained"),
+        ([], [], [], "no_mismatch"),
+        (["above a limit"], [], [], "no_mismatch"),
+        (["worse than the raw rates"], ["worse than the raw rates"], [], "unexplained"),
+        ([], ["left open"], [], "no_mismatch"),
+        (["above a limit"], ["left open"], [], "no_mismatch"),
+        ([], ["differs"], ["turns"], "unexplained"),
     ],
 )
-def test_what_fit_fails_for_but_a_limit_is_a_mismatch(passed, unsound, against, expected):
-    decision = SimpleNamespace(passed=passed, unsound=unsound)
+def test_what_fit_fails_for_but_a_limit_is_a_mismatch(failed, unsound, against, expected):
+    decision = SimpleNamespace(reasons=[(True, "met"), (None, "left open"), *((False, text) for text in failed)], unsound=unsound)
     assert engine._verdict(SimpleNamespace(decision=decision, contradictions=against, claimed=[], findings=[])) == expected

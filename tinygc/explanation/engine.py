@@ -237,7 +237,8 @@ def _verdict(explanation: Explanation) -> str:
     if e.decision is None:
         contradicted = e.naming.unusual or e.naming.first_p <= LEVEL
     else:  # as ``fit`` answers, but for a limit: what meets none may well have no mismatch
-        contradicted = bool(e.contradictions) or (not e.decision.passed and bool(e.decision.unsound))
+        failed = [text for met, text in e.decision.reasons if met is False]
+        contradicted = bool(e.contradictions) or not set(failed).isdisjoint(e.decision.unsound)
     if not e.claimed:
         return "unexplained" if contradicted or e.findings else "no_mismatch"
     clocks_alone = [claim.effect.id for claim in e.claimed] == [DELAY]

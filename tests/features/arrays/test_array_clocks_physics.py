@@ -21,7 +21,7 @@ from tinygc import CalibrationError
 from tinygc.features.arrays.checks import BODY, OPEN, SENSORS, _noise_of_fits, correlated, shared_noise
 from tinygc.features.arrays.clocks import rates_of
 from tinygc.features.arrays.extrinsics import clock_fits, places_of
-from tinygc.features.arrays.latency import ages_of, corrected
+from tinygc.features.arrays.latency import AgeReadings, ages_of, corrected, find_beat
 from tinygc.features.arrays.recording import ArraySession, read_array
 from tinygc.inference.choose import Standing
 
@@ -241,6 +241,15 @@ def test_one_clock_runs_through_all_logs(body):
 
 
 # Readings that wait for their reader.
+
+
+def test_noise_without_a_beat_has_one_by_chance_as_often_as_its_p_value_says():
+    """Neighbouring frequencies are not independent, so that p is a little too large: uniform it would have a mean of 0.5."""
+    t_s = np.arange(7500) / 62.5
+    ages = (1e-3 * np.random.default_rng(seed).standard_normal(len(t_s)) for seed in range(30))
+    p_values = [find_beat(AgeReadings(t_s, each, np.full(len(t_s), 1e-6), 1 / 62.5))[2] for each in ages]
+    assert 0.5 < np.mean(p_values) < 0.8
+    assert 0.05 < min(p_values) < 0.5
 
 
 def test_a_sawtooth_of_ages_is_recovered_and_a_unit_without_one_has_none():

@@ -8,6 +8,7 @@ from scipy.optimize import minimize
 from scipy.signal import butter, lfilter
 from scipy.special import ndtri
 from scipy.stats import chi2, lognorm
+from scipy.stats import f as f_distribution
 
 from session.base.errors import DataError
 from session.base.units import DEG, G
@@ -27,7 +28,7 @@ from tinygc.features.noise.choice import (
 )
 from tinygc.features.noise.curve import fit_curve
 from tinygc.features.noise.estimate import _allan_points, _axis, _relative, described, estimate_noise, known_after_s
-from tinygc.features.noise.scales import Group, groups_of, knots_of, rest_of, temperature_part
+from tinygc.features.noise.scales import Group, _apart, groups_of, knots_of, rest_of, temperature_part
 from tinygc.features.noise.summary import RestSums, contrasts, ratios_of
 from tinygc.inference.choose import ONE_SIDED
 from tinygc.noise.figures import TERMS, AxisNoise, Line, Term, unit_allan_variance
@@ -504,6 +505,15 @@ def test_a_swing_without_its_temperature_is_not_called_white():
     axis = _axis(groups(sums_of(values)), DT, ())
     assert not axis.is_described
     assert axis.value("N") == pytest.approx(1, abs=0.05)
+
+
+def test_two_variances_differ_by_fishers_f_of_their_own_freedom():
+    """3 of 10 degrees of freedom against 1 of 40, either way about; 1.5 is not worth a sentence."""
+    p_value = 2 * f_distribution(10, 40).sf(3.0)
+    for order, high in (([0, 1], 0), ([1, 0], 1)):
+        found = _apart(np.array([30.0, 40.0])[order], np.array([10.0, 40.0])[order])
+        assert found == (pytest.approx(p_value), high, pytest.approx(np.sqrt(3)))
+    assert _apart(np.array([15.0, 40.0]), np.array([10.0, 40.0]))[0] == 1
 
 
 def test_of_stills_that_are_too_short_for_halves_nothing_is_said():

@@ -243,6 +243,13 @@ def test_a_drift_that_nobody_knows_is_said(fitted):
     assert beside["drift of the bias since the session"].u is None
 
 
+def test_what_the_model_lacks_turns_each_axis_by_its_own_part_and_the_total_by_their_root_sum_square(fitted):
+    motion, found, _ = use_budgets(fitted, BudgetOptions(motion="rest"))
+    each = [next(one.u for one in made.beside if one.what == "one effect that the model lacks") for made in found]
+    assert_allclose(each[:3], fitted.allowed.of(motion.slope(fitted.linear.linear)))
+    assert each[3] == pytest.approx(np.linalg.norm(each[:3]))
+
+
 # Draws.
 
 

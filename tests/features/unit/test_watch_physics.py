@@ -21,9 +21,11 @@ from watched import ACCEL_WHITE, COVARIANCE, RATE_HZ, WHITE, G, csv, model_file,
 
 from session.base import rotation
 from session.base.errors import CalibrationError, DataError, FormatError
+from session.detect.accelerometer import BIASES
 from tinygc.closure.floor import BiasInstability
 from tinygc.deploy.apply import Applicable
 from tinygc.deploy.calibration import Surroundings
+from tinygc.estimation.spread import ZERO
 from tinygc.features.unit.watch import source
 from tinygc.features.unit.watch.alarms import AlarmCommand, JsonLines
 from tinygc.features.unit.watch.bars import bar_of, run_length, squares_run_length
@@ -42,8 +44,8 @@ from tinygc.features.unit.watch.expectation import (
 )
 from tinygc.features.unit.watch.source import RESTART, Remark, SourceOptions, _decoded
 from tinygc.features.unit.watch.turns import Turn, TurnTest
-from tinygc.fitting.unit_state import read_state
-from tinygc.models.linear import LinearModel
+from tinygc.fitting.unit_state import read_state, spread_of
+from tinygc.models.linear import BIAS, LinearModel
 from tinygc.models.model import KnownSensor
 
 
@@ -269,6 +271,20 @@ def test_after_an_alarm_the_reading_is_the_new_state(rate, gravity, alarm):
     assert filters.rate.total(-1)[0][:, 0] == pytest.approx([rate] * 3, abs=1)
 
 
+def test_an_alarm_opens_the_new_state_by_the_variance_of_the_reading():
+    """Of every test at its bar: the innovation is the state's, and gravity may differ as much in any other attitude."""
+    filters = ZeroFilter(chosen())
+    filters.predict()
+    filters.cusum[:] = 100.0
+    before, of_gravity = filters.rate.P.copy(), filters.gravity.P.copy()
+    found = filters.judge(reading(np.full((3, 1), 2.0), -50.0))
+    assert found.alarm.all()
+    assert filters.rate.x[0, :, 0] == pytest.approx([2.0] * 3)
+    assert (filters.rate.P[0, 0] - before[0, 0]) == pytest.approx(found.sigma[0] ** 2)
+    assert filters.gravity.P[-2, -2] - of_gravity[-2, -2] == pytest.approx(found.sigma[1] ** 2)
+    assert filters.gravity.own == pytest.approx(50.0**2)
+
+
 @pytest.mark.parametrize(
     ("before", "ratio", "wide"),
     [(1.5, 2.9, 1.5 + 1.4 / 64), (1.5, 3.2, 3.2), (1.5, 0.5, 1.5 - 1 / 64), (0.3, 1.9, 1.0), (0.3, 2.1, 2.1), (0.9, 0.5, 1.0)],
@@ -313,6 +329,16 @@ def test_the_earth_across_the_vertical_is_that_of_the_latitude(tmp_path):
     found = expect(read_state(model), RATE_HZ)
     assert_allclose(found.gyro.attitude, np.hypot(7.292115e-5 * 0.5 / np.sqrt(2), 0.002 * DEG), rtol=1e-6)
     assert found.earth_rps == pytest.approx(7.292115e-5 * np.sqrt(0.75), rel=1e-6)
+
+
+def test_a_stream_may_differ_from_the_calibration_by_two_draws_of_each_zero(tmp_path):
+    """That of the calibration and today's; the covariance of B is beside them."""
+    model_file(path := tmp_path / "model.json")
+    known = read_state(path)
+    spread, found = spread_of(known.config, known.table), expect(known, RATE_HZ)
+    assert_allclose(found.accel.offset, np.sqrt(2) * spread.sigma[BIASES])
+    own = np.diag(known.covariance)[BIAS]
+    assert_allclose(found.gyro.offset**2, 2 * spread.sigma[ZERO] ** 2 + own)
 
 
 def test_the_temperature_of_the_calibration_is_that_of_the_models_file(tmp_path):

@@ -16,8 +16,9 @@ import calibrate
 from session.base.texts import measured
 from session.base.units import DEG
 from tinygc import models
-from tinygc.reporting.facts import typeset
+from tinygc.reporting.facts import html, typeset
 from tinygc.reporting.html.sections import denoising
+from tinygc.reporting.terminal import Text
 
 PARTS = "answer session methods closure runs parameters correlations noise explain apply provenance"
 
@@ -56,6 +57,14 @@ def test_its_figures_are_those_of_its_json_and_its_code_calibrates_as_the_model_
     exec(program, names)
     model = models.from_dict(json.loads(b64decode(re.search(r"data:application/json;base64,([^\"]+)", page).group(1))))
     assert names["omega"][0] == pytest.approx(model(names["registers"][0] * 17.5e-3 * DEG), rel=1e-9)
+
+
+def test_a_page_has_in_bold_what_a_terminal_has():
+    """The name of an effect, not its equation; a warning has its own look."""
+    claim = Text.assemble(("gyro.x  ", "bold cyan"), "w < 1", "   p = 0.1")
+    said = html([claim, Text("all", "bold red"), Text("look", "yellow"), "-3 dps", Text.assemble(("", "bold"), "none")])
+    expected = ["<strong>gyro.x  </strong>w &lt; 1   p = 0.1", "<strong>all</strong>", "−3 dps", "none"]
+    assert said.replace('<p class="warning">look</p>', "") == "".join(f"<p>{each}</p>" for each in expected)
 
 
 def test_text_from_files_stays_text_and_the_first_sheet_of_paper_stands_alone(simulated, tmp_path):

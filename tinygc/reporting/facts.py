@@ -120,9 +120,13 @@ def _html_of(part: Part) -> str:
         return part.__html__()
     if not isinstance(part, str | Text):
         return markup.figure(part, typeset(part.caption))
-    style = part.style if isinstance(part, Text) else ""
-    said = typeset(str(part))
-    return markup.paragraph(f"<strong>{said}</strong>" if "bold" in str(style) else said, KINDS.get(str(style), ""))
+    whole = part if isinstance(part, Text) else Text(part)
+    ends = sorted({0, len(whole), *(end for span in whole.spans for end in (span.start, span.end))})
+    said = ""
+    for piece in whole.divide(ends[1:-1]):
+        bold = any("bold" in str(style) for style in (piece.style, *(span.style for span in piece.spans)))
+        said += f"<strong>{typeset(piece.plain)}</strong>" if bold and piece.plain.strip() else typeset(piece.plain)
+    return markup.paragraph(said, KINDS.get(str(whole.style), ""))
 
 
 def typeset(text: str, number: bool = False) -> str:

@@ -230,7 +230,7 @@ def test_the_report_has_a_laws_equation_its_evidence_its_picture_and_how_to_use_
         "alternative: ω_i += c_i clip(u_i, ±0.1)",
         "written as effects/x.py",
         f"calibrate.py explain OTHER --effects {tmp_path / 'explain' / 'effects'}",
-        "next: turn it again",
+        "<strong>next: </strong>turn it again",
         'src="data:image/svg+xml;base64,',
         "x ← x 0.1000 ± 0.0020",
     ):

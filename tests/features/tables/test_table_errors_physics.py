@@ -13,6 +13,7 @@ from scipy.stats import chi2, norm
 from simulated_tables import Summary, draw, fixed_moves
 
 from session.base.errors import DataError
+from session.base.numeric import rms_of
 from session.base.units import DEG, EARTH_RATE_RPS
 from tinygc.features.tables.explanation import TableShown
 from tinygc.features.tables.machines.description import LATENCY_SIGMA_S, Axis, Description
@@ -342,6 +343,41 @@ def test_an_error_of_the_table_is_named_with_its_size():
     assert found.equivalent == ()
     assert (np.abs(found.theta - np.array([0.1, -0.05]) * DEG) < 4 * found.sigma).all()
     assert found.p_value < 0.01
+
+
+@pytest.mark.parametrize("size_deg", [0.002, 1.2])
+def test_a_set_has_the_evidence_of_its_best_scale_and_a_name_the_chance_of_least_squares(size_deg):
+    """Chi-square of the tilt with the state fitted beside it, where no prior draws it to zero; an error larger than plausible (0.5 degrees)
+    has its position in the prior besides."""
+    of = table(Z, Y)
+    search = _Search(session(of, 3, moves=8, wrong=errors(of, tilt=(size_deg, -0.8 * size_deg, 0))))
+    nothing = search.of([])
+    tilt = next(each.candidate for each in nothing.look.judged if each.candidate.id == "table.tilt")
+    best = search.of([replace(tilt, tried=1)], nothing)
+    found = search.named(best, best.named[0], lambda p_value: p_value)
+    state, own = np.split(best.fitted, [-2], axis=1)
+    at = -best.prior_left[-2:]  # where the slopes are taken, in plausible sizes
+    whole = np.concatenate(
+        [best.noise.whiten(np.column_stack([state, own, best.r - own @ at])), np.eye(state.shape[1], state.shape[1] + 3)]
+    )
+    J, A, y = np.split(whole, [state.shape[1], -1], axis=1)
+    y[len(best.r) :, 0] = best.prior_left[:-2]
+    left = [np.linalg.lstsq(design, y[:, 0])[1][0] for design in (J, np.column_stack([J, A]))]
+    assert found.p_value == pytest.approx(chi2(2).sf(left[0] - left[1]), rel=1e-4)
+    assert found.log_evidence == (nothing.score - best.score) / 2
+    scale = min(rms_of(at), 1.0)
+    expected = 2 * np.log(10) + 2 - 2 * np.log(PRIOR_ODDS) + max(np.sum((at / scale) ** 2) - 2, 0)
+    assert best.score - best.noise.value == pytest.approx(expected)
+    assert (rms_of(at) > 1) == (size_deg > 1)
+
+
+def test_each_form_of_an_error_has_its_share_of_the_odds():
+    of = table(Z, Y)
+    search = _Search(session(of, 3, moves=8))
+    forms = [each.candidate for each in search.of([]).look.judged if each.candidate.id == "table.lost_steps"]
+    lost = search.of([forms[2]])
+    price = 2 * np.log(10 * len(forms)) + 1 - 2 * np.log(PRIOR_ODDS)
+    assert lost.score - lost.noise.value == pytest.approx(price)
 
 
 @pytest.fixture(scope="module")

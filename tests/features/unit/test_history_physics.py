@@ -194,7 +194,12 @@ def test_the_limit_of_a_step_is_that_of_the_interval_that_shows_it_least():
     assert found.course.steps == {}
     design = np.column_stack([found.course.model.design, jump(12, 0)])
     expected = np.max(np.abs(Between(values, own, design).interval(np.eye(3)[-1])))
-    size, _ = candidates(values, own, found.course.model.design)
+    size, sigma = candidates(values, own, found.course.model.design)
+    root = (own + found.course.model.scatter**2)[:, None] ** -0.5
+    for k in (0, 5):  # a further step is that of least squares, weighed by all that scatters
+        whole = root * np.column_stack([found.course.model.design, jump(12, k)])
+        assert size[k] == pytest.approx(np.linalg.lstsq(whole, root[:, 0] * values)[0][-1])
+        assert sigma[k] == pytest.approx(np.sqrt(np.linalg.inv(whole.T @ whole)[-1, -1]))
     assert 0 not in np.argsort(-np.abs(size))[:TRIED]
     assert found.step_limit == pytest.approx(expected, rel=1e-9)
 

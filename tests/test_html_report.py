@@ -60,10 +60,18 @@ def test_its_figures_are_those_of_its_json_and_its_code_calibrates_as_the_model_
 
 
 def test_a_page_has_in_bold_what_a_terminal_has():
-    """The name of an effect, not its equation; a warning has its own look."""
+    """The name of an effect, not its equation; a warning has its own look, and the rows of a matrix stand below each other."""
     claim = Text.assemble(("gyro.x  ", "bold cyan"), "w < 1", "   p = 0.1")
-    said = html([claim, Text("all", "bold red"), Text("look", "yellow"), "-3 dps", Text.assemble(("", "bold"), "none")])
-    expected = ["<strong>gyro.x  </strong>w &lt; 1   p = 0.1", "<strong>all</strong>", "−3 dps", "none"]
+    rows = "  dps: 1   2", "     : 3   4"
+    said = html([claim, Text("all", "bold red"), Text("look", "yellow"), "-3 dps", Text.assemble(("", "bold"), "none"), *rows])
+    expected = [
+        "<strong>gyro.x  </strong>w &lt; 1   p = 0.1",
+        "<strong>all</strong>",
+        "−3 dps",
+        "none",
+        "\u00a0\u00a0dps: 1   2",
+        "\u00a0" * 5 + ": 3   4",
+    ]
     assert said.replace('<p class="warning">look</p>', "") == "".join(f"<p>{each}</p>" for each in expected)
 
 

@@ -122,10 +122,11 @@ def _html_of(part: Part) -> str:
         return markup.figure(part, typeset(part.caption))
     whole = part if isinstance(part, Text) else Text(part)
     ends = sorted({0, len(whole), *(end for span in whole.spans for end in (span.start, span.end))})
-    said = ""
+    said = "\u00a0" * (len(whole) - len(whole.plain.lstrip(" ")))  # a line that is set in, as a matrix' rows below its name
     for piece in whole.divide(ends[1:-1]):
         bold = any("bold" in str(style) for style in (piece.style, *(span.style for span in piece.spans)))
-        said += f"<strong>{typeset(piece.plain)}</strong>" if bold and piece.plain.strip() else typeset(piece.plain)
+        text = typeset(piece.plain if said.strip() else piece.plain.lstrip(" "))
+        said += f"<strong>{text}</strong>" if bold and text.strip() else text
     return markup.paragraph(said, KINDS.get(str(whole.style), ""))
 
 

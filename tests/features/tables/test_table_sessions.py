@@ -223,8 +223,14 @@ def test_too_few_angles_are_undecided_and_a_broken_file_is_one_line(tilted, tmp_
     path.write_text("\n".join([lines[0], "log0001.csv,what,,0,0,0"]) + "\n")
     with pytest.raises(FormatError, match=r"table\.csv line 2"):
         explain_table(problem)
+    explanation = SimpleNamespace(session=problem.session, problem=problem, warnings=[])
+    assert explained(explanation, 0) is None
+    (warning,) = explanation.warnings
+    assert (warning.level, warning.what) == ("warning", "table")
+    assert warning.says.startswith("table.csv line 2")
     path.unlink()
-    assert explained(SimpleNamespace(session=problem.session, problem=problem), 0) is None
+    assert explained(explanation, 0) is None
+    assert len(explanation.warnings) == 1
 
 
 # The port of a virtual table.

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from session.base.errors import FormatError
 from session.base.features import Feature
 from session.base.options import Record, file_written, option
 
@@ -41,13 +42,19 @@ class Columns(Record):
 
 
 def explained(explanation: Any, seed: int) -> Any:
-    """Explain the table's own errors; None where no machine turned what was recorded."""
+    """Explain the table's own errors; None where no machine turned what was recorded, or its files cannot be read, which is a warning."""
     folder = explanation.session.folder
     if explanation.session.in_memory or not all((folder / name).exists() for name in ("table.csv", "table.toml")):
         return None
+    from session.detect.findings import Finding
     from tinygc.features.tables.explanation import explain_table
 
-    return explain_table(explanation.problem, seed)
+    try:
+        return explain_table(explanation.problem, seed)
+    except FormatError as error:  # the session is explained, and its report written, all the same
+        do = "correct it, and explain again: the table's own errors were not looked for"
+        explanation.warnings.append(Finding("warning", folder.name, "table", str(error), do))
+        return None
 
 
 FEATURE = Feature(

@@ -61,12 +61,14 @@ def test_the_evidence_for_one_value_is_that_of_all_units_together():
     # The sets that a climb from none reaches: together, single ones, and with one of them apart.
     apart = [np.exp(log_evidence([y for k, y in enumerate(values) if k != n])) * one for n, one in enumerate(own)]
     assert found.p_value == pytest.approx(1 - together / (1 + together + sum(own) + sum(apart)), rel=1e-6)
+    assert of([12.0, 16.0]).p_value < 1e-13  # one of them has none
 
 
 @pytest.mark.parametrize(
     ("values", "how", "expected"),
     [
         ([12.0, 12.0], {"named": (0, 1)}, ALIKE),
+        ([12.0, 16.0], {"named": (0, 1)}, UNDECIDED),  # both have it, and 2.8 sigmas are between them
         ([12.0, 30.0], {"named": (0, 1)}, DIFFERS),
         ([0.1, -0.2, 9.0, 0.1], {"named": (2,)}, DIFFERS),
         ([1.0, -0.5, 0.3, 2.4], {"named": (3,)}, UNDECIDED),
@@ -86,6 +88,7 @@ def test_units_differ_or_share_only_what_the_evidence_shows(values, how, expecte
         ([1.9, -1.0, -0.5, 0.2, -0.6], {"named": (0, 3)}, (), "below {0.7356} s with 95 %"),  # less than the largest that is named
         ([5.0] * 4, {"share": 0.2}, (), "of one size: {5.0 ± 0.63246} s"),  # sqrt((1 + 3 * 0.2) / 4)
         ([0.1, 0.1, 0.2, 4.2], {}, (), "of one size in 4 units: undecided; {1.15 ± 0.5} s; more than {5.845} s is excluded"),  # 4.2 + 1.645
+        ([12.0, 16.0], {}, (), "in all units, of one size, or each its own (probability 0.064), in the mean: {14.0 ± 0.70711} s"),
         ([9.0], {}, (), "named in unit 0: undecided; {9.0 ± 1.0} s; more than {10.645} s is excluded with 95 %"),
         ([5.0, 5.0], {"unknown": (3,), "instead": ("gyro.bandwidth",)}, (), "or gyro.bandwidth: not told apart here"),
         ([9.0, 9.0], {"unknown": (3,)}, (), "in units 0, 1, of one size"),

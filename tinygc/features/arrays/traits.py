@@ -165,14 +165,18 @@ def trait_of(
         how = {"matters": EARTH_RATE_RPS, "claimed": f"the Earth's {EARTH_RATE_RPS / DEG_PER_HOUR:.1f} °/h"}
         how["p_claimed"] = p_earth if p_other < LEVEL else 1.0
     everywhere = f"{effect.id} in all units" if not unknown else f"{effect.id} in {_of_units(numbers)}"
-    what = f"{everywhere}, of one size" if p_other < LEVEL else named
-    if p_other >= LEVEL and len(numbers) > 1:
+    p_lacks = sum(p for ids, p in chances.items() if ONE_VALUE not in ids and len(ids) < len(numbers))  # some unit has none
+    p_value = p_lacks if p_lacks < LEVEL <= p_other and len(numbers) > 1 else p_other
+    what = f"{everywhere}, of one size" if p_value < LEVEL else named
+    if p_value < LEVEL <= p_other:
+        what += f", or each its own (probability {p_other:.2g}), in the mean"
+    elif p_value >= LEVEL and len(numbers) > 1:
         what += f", of one size in {len(numbers)} units"
     if odd:  # a limit of one size is none of theirs
         limit = max((pooled([k]) for k in range(len(numbers))), key=lambda each: each[2]["upper"])[1]
         found["upper"] = np.inf
-    statement = Statement.of(what, EVIDENCE, p_other, size, limit, **found, **how, more=more, figures=figures)
-    if effect.id == EARTH or statement.standing is Standing.FOR:
+    statement = Statement.of(what, EVIDENCE, p_value, size, limit, **found, **how, more=more, figures=figures)
+    if effect.id == EARTH or (statement.standing is Standing.FOR and p_other < LEVEL):
         figures["scope"] = COMMON if effect.id == EARTH else ALIKE
     return statement
 

@@ -61,7 +61,8 @@ def test_the_evidence_for_one_value_is_that_of_all_units_together():
     # The sets that a climb from none reaches: together, single ones, and with one of them apart.
     apart = [np.exp(log_evidence([y for k, y in enumerate(values) if k != n])) * one for n, one in enumerate(own)]
     assert found.p_value == pytest.approx(1 - together / (1 + together + sum(own) + sum(apart)), rel=1e-6)
-    assert of([12.0, 16.0]).p_value < 1e-13  # one of them has none
+    assert 0 < of([12.0, 16.0]).p_value < 1e-20  # one of them has none
+    assert 0 < of([12.0, 30.0]).p_value < 1e-20  # they have one value
 
 
 @pytest.mark.parametrize(

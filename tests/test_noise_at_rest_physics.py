@@ -111,6 +111,8 @@ def test_a_limit_is_contradicted_by_more_alone():
     assert less.p_value == 0.5
     assert more.p_value == pytest.approx(norm.sf(np.log(2.5) / 0.2), rel=0.05)
     assert more.contradicted
+    beyond = _drift_comparison(replace(known, most_rps=1 * DPH), likelihood_at(200 * DPH, 0.2), limit=True)
+    assert (beyond.contradicted, beyond.high) == (True, 50.0)  # beyond the ratios that are tried
     assert (less.low, less.ratio) == (0.0, pytest.approx(0.1, rel=0.01))
     assert less.high == pytest.approx(0.1 * np.exp(1.96 * 0.2), rel=0.02)
 

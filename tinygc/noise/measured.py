@@ -202,9 +202,7 @@ def _drift_comparison(known: BiasInstability, likelihood: np.ndarray | None, lim
     away = 2 * (likelihood.max() - CubicSpline(of_ln, likelihood[1:])(ln))
     away -= away.min()
     off = np.array([np.min(away + ((ln - np.log(rps * ratio)) / spread) ** 2) for ratio in RATIOS])
-    inside = RATIOS[off < CHI_95]
-    if not len(inside):
-        return None
+    inside = RATIOS[off < max(CHI_95, np.nextafter(off.min(), np.inf))]  # the nearest, of a drift beyond them all
     best, same = float(np.exp(ln[int(np.argmin(away))])) / rps, float(off[len(RATIOS) // 2])
     if limit:
         return NoiseComparison(best, 0.0, float(inside[-1]), chi_square_above(same if best > 1 else 0.0, 1) / 2)

@@ -140,7 +140,9 @@ def earth(factors, sigma=0.05):
         ([1.0] * 3, Standing.FOR, "in all units, of one size: 15.04 ± 0.43 °/h"),
         ([3.0] * 3, Standing.AGAINST, "45.12 ± 0.43 °/h, not the Earth's 15.0 °/h"),
         ([0.0] * 3, Standing.BOUNDED, ""),
-        ([0.3], Standing.UNDECIDED, "named in unit 0: undecided; 4.51 ± 0.75 °/h"),
+        ([0.3], Standing.AGAINST, "4.51 ± 0.75 °/h, not the Earth's 15.0 °/h"),
+        ([1.0], Standing.FOR, "15.04 ± 0.75 °/h"),
+        ([0.05], Standing.BOUNDED, "named in unit 0: below"),
         ([0.7, 1.3], Standing.UNDECIDED, "differs between units: undecided; 10.53 ± 0.75 °/h in unit 0, 19.55 ± 0.75 °/h in unit 1"),
     ],
 )

@@ -556,7 +556,7 @@ def test_verdicts_follow_from_whose_errors_are_named(clean):
         ("sensor", [theirs]),
         ("both", [mine, theirs]),
         ("ambiguous", [either], [mine, either], [late]),
-        ("unexplained", loss),
+        ("partly_explained", loss),
     ):
         for some in cases:
             assert TableShown(of, replace(selected, named=some)).verdict == verdict

@@ -149,7 +149,8 @@ def trait_of(
     divisions = divided(values / plausible, covariances / plausible**2, share)
     chances = {ids: float(p) for (ids, _), p in zip(divisions, weights_of([each.score for each in divisions]), strict=True)}
     p_same = sum(p for ids, p in chances.items() if not ids - {ONE_VALUE})
-    p_other = sum(p for ids, p in chances.items() if ids != {ONE_VALUE})
+    one = {ONE_VALUE} if effect.id != EARTH or len(numbers) > 1 else {"0"}  # one unit says nothing of others, but of the Earth it does
+    p_other = sum(p for ids, p in chances.items() if ids != one)
     odd = [k for k in range(len(numbers)) if str(k) in divisions[0].ids]
     if odd and len(numbers) > 1 and (p_same < LEVEL or effect.id == EARTH):
         rest = [k for k in range(len(numbers)) if k not in odd]

@@ -93,7 +93,7 @@ class TableShown:
             return "undecided"
         named = self.selected.named
         if self.doubts or (not named and self.selected.first_p <= CLAIMED_P):
-            return "unexplained"
+            return "partly_explained" if named else "unexplained"
         if not named:
             return "suspected" if self.selected.first_p <= LEVEL else "clean"
         # Table and sensor both could have it.

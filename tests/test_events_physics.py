@@ -285,6 +285,14 @@ def test_a_closed_turn_is_one_that_closes_as_those_without_an_event(turns, exces
         assert made.closed_below([RegisterFault(FALSE, 0, 110, 1)], None) == pytest.approx(times * stats.chi2.isf(0.01, 2))
 
 
+def test_that_a_turn_stays_open_is_asked_of_all_turns_together():
+    made = trial(count=3)
+    each = 1 - 0.99 ** (1 / 3)
+    made.segment_of = lambda event: None if event.row > 300 else event.row // 100
+    events = [RegisterFault(FALSE, 0, row, 1) for row in (10, 20, 110, 210, 310)]  # two in one turn, one in a rest
+    assert made.closed_below(events, None) == pytest.approx(stats.chi2.isf(each, 2))
+
+
 def likely(made, tables, name, events, others=(), length=0):
     """The verdict with given likelihoods of each turn's choices."""
     made.likelihoods = lambda i, own, others, cross, length, most: {frozenset(c): v for c, v in tables[i].items()}

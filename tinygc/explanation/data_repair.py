@@ -26,7 +26,7 @@ from tinygc.explanation.clipped_turns import FEWEST_WHOLE, Clipping, about_the_v
 from tinygc.explanation.evidence import Evidence, Hypothesis
 from tinygc.explanation.faulty_readings import FALSE, LOST, Crossing, RegisterFault, crossings, proposed, without_false_readings
 from tinygc.explanation.search import search
-from tinygc.inference.choose import PRIOR_ODDS, SCALES, weights_of
+from tinygc.inference.choose import PRIOR_ODDS, SCALES, level_of_each, weights_of
 from tinygc.noise.components import first_noise, undersampling
 from tinygc.noise.refit import candidates, design
 from tinygc.noise.twin import Twin
@@ -95,7 +95,7 @@ SMEARED = 10
 PASSES = 6
 #: log-likelihood ratio, with one covariance, from which on a repair moves the closure: 20 to 1, "strong" (Kass & Raftery 1995)
 MOVED = float(np.log(20))
-#: probability that a turn in which every event is repaired closes worse than is taken for closed
+#: probability that any of the turns in which every event is repaired closes worse than is taken for closed
 OPEN_P = 0.01
 #: turns without an event from which on their median says how a turn closes that has none
 FEWEST_WITHOUT = 5
@@ -223,7 +223,7 @@ class ClosureTrial:
         if len(whole) >= FEWEST_WITHOUT:
             chi_square = [self.likelihood(i, self.angles(i, [], cross, 0))[1] for i in whole]
             excess = max(1.0, float(np.median(chi_square)) / float(chdtri(freedom, 0.5)))
-        return excess * float(chdtri(freedom, OPEN_P))
+        return excess * float(chdtri(freedom, level_of_each(OPEN_P, len(touched - {None}))))
 
     def lost_each_time(self, losses: list[RegisterFault]) -> int:
         """Number of samples missing after each event, common to all: the one whose bridges close most segments best; 0 for none.

@@ -372,7 +372,7 @@ class Crossing(NamedTuple):
 
 def crossings(logs: Sequence[Samples], events: Sequence[RegisterFault], length: int) -> dict[RegisterFault, Crossing]:
     """The best crossing of each event; length: samples lost each time, for a loss."""
-    found = {}
+    found: dict[RegisterFault, Crossing] = {}
     for number in {event.log for event in events}:
         own = [event for event in events if event.log == number]
         rows, counts = (np.array([getattr(event, name) for event in own], dtype=int) for name in ("row", "samples"))

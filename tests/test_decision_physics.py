@@ -334,15 +334,15 @@ def test_what_has_a_cause_is_expected_of_a_closure_and_more_has_no_name():
     noise, gone = SimpleNamespace(covariance=np.diag([1.0, 2, 3, 4, 5, 6, 99])), []
     noise.without = lambda name: gone.append(name) or noise
     naming = SimpleNamespace(noise=noise, whiten=SimpleNamespace(parts={"closure": slice(0, 6)}), beyond=[], unusual=False)
-    floor = SimpleNamespace(wider=None)
-    twin = SimpleNamespace(batch=SimpleNamespace(angles=2), errors=(), original=SimpleNamespace(floor=floor))
+    original = SimpleNamespace(widened=[SimpleNamespace(cause="impact", sigma_rad=9.0)], used=range(3))
+    twin = SimpleNamespace(batch=SimpleNamespace(angles=2), errors=(), original=original)
     proof = SimpleNamespace(floor_rms=3.0, worse=False)
     assert _expected_rms(SimpleNamespace(batch=twin.batch, errors=("own",)), naming, proof) == 3.0
     gone.clear()
     assert _expected_rms(twin, naming, proof) == pytest.approx(4.0)
-    floor.wider = np.array([1.0, 2.0, 6.0])[:, None, None] * [[1.0, 0.5], [0.5, 2.0]]
+    original.widened = [SimpleNamespace(cause="gap", sigma_rad=np.sqrt(each)) for each in (3.0, 6.0, 18.0)]
     assert _expected_rms(twin, naming, proof) == pytest.approx(5.0)
-    floor.wider, gone = None, gone[:2]
+    original.widened, gone = [], gone[:2]
     assert gone == [TURN, STILL_RATE]
     for share, left in ((0.99, False), (1.01, True)):
         proof.after = np.full((5, 2), 4.0 * NEAR_FLOOR * share / np.sqrt(2))

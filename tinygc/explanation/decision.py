@@ -15,6 +15,7 @@ from session.base.numeric import rms_length
 from session.base.progress import Told, untold
 from session.base.rotation import matrix
 from session.base.units import DEG
+from session.detect.bridging import GAP
 from session.detect.check_time import STEPS
 from session.detect.segments import Segment
 from tinygc.closure.problem import Problem
@@ -471,9 +472,9 @@ def _expected_rms(twin: Twin, naming: Naming, proof: Proof) -> float:
     variance = np.diag(noise.covariance)[closure].reshape(-1, twin.batch.angles)
     if twin.errors:  # a further reference errs as is stated of it: what it errs beyond has no name
         return proof.floor_rms
-    if (wider := twin.original.floor.wider) is not None:  # by bridged readings
-        variance = variance + np.diagonal(wider, axis1=1, axis2=2)
-    return math.hypot(proof.floor_rms, float(np.sqrt(np.mean(variance[:, 0] + variance[:, 1]))))
+    # By bridged readings; that of an impact is an allowance, and no cause.
+    gaps = sum(each.sigma_rad**2 for each in twin.original.widened if each.cause == GAP)
+    return math.sqrt(proof.floor_rms**2 + float(np.mean(variance[:, 0] + variance[:, 1])) + gaps / len(twin.original.used))
 
 
 def decide(

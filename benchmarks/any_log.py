@@ -13,6 +13,7 @@ import re
 import sys
 import tempfile
 import time
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -245,6 +246,22 @@ def main() -> None:
     progress("")
     print(markdown(["log", "typed", "asked", "import, s", "rms, σ", "most, σ", "from its own, σ"], map(_cells, rows)))
     print(markdown(["log", "clock, and how its unit is known", *DAMAGES], ([row["log"], row["clock"], *row["damage"]] for row in rows)))
+    print("\n".join(summary(rows)))
+
+
+def summary(rows: list[dict]) -> list[str]:
+    """What can be counted of all logs: options asked for, errors, and outcomes of each damage."""
+    fitted, asked_for = [row for row in rows if "rms_sigmas" in row], Counter(row["questions"] for row in rows)
+    beyond = [row["log"] for row in fitted if row["most_sigmas"] > 2]
+    lines = [
+        f"- {len(rows)} kinds; options that `import` asks for: {', '.join(f'{k} in {asked_for[k]}' for k in sorted(asked_for))}.",
+        f"- Errors, rms: {min(row['rms_sigmas'] for row in fitted):.2f} to {max(row['rms_sigmas'] for row in fitted):.2f} sigmas; "
+        f"a number beyond two sigmas: {', '.join(beyond) or 'none'}.",
+    ]
+    for place, damage in enumerate(DAMAGES):
+        found = Counter(row["damage"][place] for row in rows if "damage" in row)
+        lines.append(f"- {damage}: {', '.join(f'{what} ({count})' for what, count in found.most_common())}.")
+    return lines
 
 
 def _cells(row: dict) -> list[str]:

@@ -17,7 +17,6 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from benchmarks.public.euroc import write_sequences
 from session.base.units import DEG, G
 from tinygc.explanation.engine import explain_session
 from tinygc.library.explanations import Why, explain
@@ -56,9 +55,6 @@ def main() -> None:
         if XSENS.is_dir():
             there = Why(explain_session(XSENS)).save(Path(parent) / "xsens")
             shutil.copy(there / "explain.svg", Path(__file__).parent / "explain-xsens.svg")
-        if EUROC.is_dir():
-            there = Why(explain_session(write_sequences(EUROC, ["MH_02"], Path(parent) / "MH_02", 2.0))).save()
-            shutil.copy(there / "explain.svg", Path(__file__).parent / "explain-euroc.svg")
 
 
 if __name__ == "__main__":

@@ -98,15 +98,13 @@ def test_the_readme_is_short_and_begins_with_the_two_commands():
 
 
 def test_one_list_leads_to_every_page():
-    """formats.md lists the pages of docs/formats and those of features named so, measured.md likewise, and docs/index.md all others."""
+    """formats.md lists the pages of docs/formats and those of features named so, and docs/index.md all others."""
     listed = {path for path in linked_pages(INDEX.read_text(encoding="utf-8"), DOCS) if path.is_relative_to(DOCS)}
-    ends = {"formats": "-format.md", "measured": "-measured.md"}
-    pages = {name: {*(DOCS / name).glob("*.md"), *DOCS.glob(f"features/*/*{end}")} for name, end in ends.items()}
-    alike(listed, set(DOCS.rglob("*.md")) - set().union(*pages.values()) - {INDEX}, "docs/index.md")
+    pages = {*(DOCS / "formats").glob("*.md"), *DOCS.glob("features/*/*-format.md")}
+    alike(listed, set(DOCS.rglob("*.md")) - pages - {INDEX}, "docs/index.md")
     assert all(line.count("](") == 1 for line in INDEX.read_text(encoding="utf-8").splitlines() if line.startswith("- "))
-    for name, there in pages.items():
-        rows = re.findall(r"^\| \[.*", (DOCS / f"{name}.md").read_text(encoding="utf-8"), re.M)
-        alike(set(linked_pages("\n".join(rows), DOCS)), there, f"docs/{name}.md")
+    rows = re.findall(r"^\| \[.*", (DOCS / "formats.md").read_text(encoding="utf-8"), re.M)
+    alike(set(linked_pages("\n".join(rows), DOCS)), pages, "docs/formats.md")
     assert INDEX in linked_pages((ROOT / "README.md").read_text(encoding="utf-8"), ROOT)
 
 

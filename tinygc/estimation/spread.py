@@ -110,7 +110,7 @@ class Spread:
 
 
 #: where nothing says it.  Of B: that of the EuRoC days is 0.03 to 0.14 dps (paper_tables.py --only table1).  Of the accelerometer: the
-#: zeros of eight MPU-9150 over six days (history-measured.md), beside 10 to 40 mg over the life in data sheets; of its scale those days
+#: zeros of eight MPU-9150 over six days (measured.md), beside 10 to 40 mg over the life in data sheets; of its scale those days
 #: show none beyond the fits', and data sheets state 0.005 to 0.02 % per K
 USUAL = Spread.of(ZERO, 0.1 * DEG, "usual of MEMS gyroscopes, not of this unit", usual=True).or_else(
     Spread.of(ACCELEROMETER, 0.0, "usual of MEMS accelerometers, not of this unit", usual=True)

@@ -40,7 +40,7 @@ def closure_measured(angles: np.ndarray, numbers: Sequence[int]) -> Fact:
 
     The squared tilts scatter about their mean, each correlated with its neighbour's, with which it shares a still:
     var(mean) = (sum c_i^2 + 2 sum c_i c_i+1) / S (S - 1), u = var^(1/2) / 2 rms.  A few squares that happen to be alike show no scatter:
-    var is at least ``SHARED`` / S of the mean's square.  How often such a U holds is in docs/measured/decision-rules.md.
+    var is at least ``SHARED`` / S of the mean's square.  How often such a U holds is in docs/measured.md.
     """
     squares, count = np.sum(angles[:, :2] ** 2, axis=1), len(angles)
     rms = tilt_rms(angles)

@@ -38,7 +38,7 @@ from tinygc.planning.turns import SIDES
 _BOUND = 1.959963984540054
 #: turns that are proposed at most
 MOST_TURNS = 10
-#: sigma of the closure of one turn by hand where no turn shows it, degrees (docs/measured/accuracy.md); of gravity's length in a still,
+#: sigma of the closure of one turn by hand where no turn shows it, degrees (docs/measured.md); of gravity's length in a still,
 #: m/s^2
 USUAL_TURN_DEG, USUAL_LENGTH_MPS2 = 0.05, 1e-3
 #: s of a full turn in a minute of use; where on the way it is looked at: a misalignment shows most half way round

@@ -25,7 +25,7 @@ from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 
 SHARED = Path(__file__).resolve().parents[2] / "shared"
-XSENS, EUROC = SHARED / "xsens", SHARED / "euroc"
+XSENS = SHARED / "xsens"
 CONCEALED_DPS_PER_C = np.array([0.014, -0.037, 0.018])
 CONCEALED_PER_G = np.array([0.002, -0.0015, 0.0018])
 

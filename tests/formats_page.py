@@ -16,7 +16,7 @@ import calibrate
 from tinygc import FitOptions
 
 ROOT = Path(__file__).resolve().parent.parent
-PAGES = [ROOT / "docs" / "formats.md", *sorted((ROOT / "docs" / "formats").glob("*.md")), *sorted((ROOT / "docs").rglob("*-format.md"))]
+PAGES = [ROOT / "docs" / "formats.md", *sorted((ROOT / "docs" / "formats").glob("*.md"))]
 PAGE = "\n".join(page.read_text(encoding="utf-8") for page in PAGES)
 SCHEMA = re.compile(r"tinygc-[a-z]+(?:-[a-z]+)*/\d+")
 CODE = re.compile(r"`([^`]+)`")

@@ -98,9 +98,9 @@ def test_the_readme_is_short_and_begins_with_the_two_commands():
 
 
 def test_one_list_leads_to_every_page():
-    """formats.md lists the pages of docs/formats and those of features named so, and docs/index.md all others."""
+    """formats.md lists the pages of docs/formats, and docs/index.md all others."""
     listed = {path for path in linked_pages(INDEX.read_text(encoding="utf-8"), DOCS) if path.is_relative_to(DOCS)}
-    pages = {*(DOCS / "formats").glob("*.md"), *DOCS.glob("features/*/*-format.md")}
+    pages = set((DOCS / "formats").glob("*.md"))
     alike(listed, set(DOCS.rglob("*.md")) - pages - {INDEX}, "docs/index.md")
     assert all(line.count("](") == 1 for line in INDEX.read_text(encoding="utf-8").splitlines() if line.startswith("- "))
     rows = re.findall(r"^\| \[.*", (DOCS / "formats.md").read_text(encoding="utf-8"), re.M)

@@ -1,4 +1,4 @@
-"""``table.csv``: what a machine said of its angles during a recording, and when (tables-format.md); and ``attitudes.csv`` from it.
+"""``table.csv``: what a machine said of its angles during a recording, and when (docs/formats/tables.md); and ``attitudes.csv`` from it.
 
     log,t_us,table_s,moving,<axis>_deg,...
 

@@ -33,7 +33,7 @@ MOST_AXES = 3
 MOST_BRAKING_S = 60.0
 #: s of angles that a table takes to answer where nothing is declared: the prior of its latency
 LATENCY_SIGMA_S = 0.1
-AGAIN = "correct the file (docs/features/tables/tables-format.md)"
+AGAIN = "correct the file (docs/formats/tables.md)"
 
 
 class Settings(Shape):
@@ -171,7 +171,7 @@ class Description:
 
 
 def read_description(path: Path) -> Description:
-    """Read ``table.toml`` (docs/features/tables/tables-format.md).  Raises FormatError for what is wrong with it."""
+    """Read ``table.toml`` (docs/formats/tables.md).  Raises FormatError for what is wrong with it."""
     found = record_from(Description, read_toml(path), str(path), AGAIN)
     return replace(found, name=found.name or path.stem)
 

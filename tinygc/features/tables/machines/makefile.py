@@ -1,4 +1,4 @@
-"""A make as data: ``makes/<name>.toml``, or a file of one's own (docs/features/tables/tables-format.md).
+"""A make as data: ``makes/<name>.toml``, or a file of one's own (docs/formats/tables.md).
 
 Patterns are no regular expressions but texts with fields, so that no file can make its reader wait, and nobody need know the syntax:
 
@@ -218,7 +218,7 @@ class Errors:
 
 @dataclass(frozen=True)
 class Make:
-    """How a make is spoken to (docs/features/tables/tables-format.md names every key); warning: what whoever lets it move must know.
+    """How a make is spoken to (docs/formats/tables.md names every key); warning: what whoever lets it move must know.
 
     settings: as a table has them, once it is ``proof.fitted`` to one; sha256: of its file, in hexadecimal.
     """

@@ -243,7 +243,7 @@ class Rates(Kept):
         return screen([*parts[:-1], *self.remarks])
 
     def to_json(self) -> dict:
-        """``tinygc-rates/1`` (docs/features/tables/rates-format.md)."""
+        """``tinygc-rates/1`` (docs/formats/tables.md)."""
         return {
             "schema": SCHEMA,
             "version": VERSION,

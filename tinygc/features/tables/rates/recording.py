@@ -1,4 +1,4 @@
-"""A recording on a machine that steps its rate or swings: ``rates*.csv``, ``table.toml``, ``table.csv`` (rates-format.md).
+"""A recording on a machine that steps its rate or swings: ``rates*.csv``, ``table.toml``, ``table.csv`` (docs/formats/tables.md).
 
 The machine's angles give each dwell: a stretch in which one axis turns at one rate.  The rate is the slope of what the machine says; the
 output is the sensor's mean over the settled part, over whole turns where there is one, so that the Earth's rate and gravity cancel about a
@@ -68,7 +68,7 @@ def read_recording(folder: Path, progress: Progress) -> tuple[list[Points], list
     for path in (folder / TABLE, folder / ANGLES):
         if not path.exists():
             raise FormatError(
-                f"{path}: not found; a recording of rates has {STEM}*.csv, {TABLE} and {ANGLES} (docs/features/tables/rates-format.md)"
+                f"{path}: not found; a recording of rates has {STEM}*.csv, {TABLE} and {ANGLES} (docs/formats/tables.md)"
             )
         require_file(path)
     paths = log_paths(folder, STEM)

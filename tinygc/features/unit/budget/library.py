@@ -91,7 +91,7 @@ class UncertaintyBudget(Kept):
         return screen([gyroscope, "", *force, overview(title, self.attitude), *drawn])
 
     def to_json(self) -> dict:
-        """``tinygc-budget/1`` (docs/features/unit/budget-format.md)."""
+        """``tinygc-budget/1`` (docs/formats/unit.md)."""
         return plain(
             {
                 "schema": SCHEMA,

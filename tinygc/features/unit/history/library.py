@@ -67,7 +67,7 @@ class History(Kept):
         return "; ".join(said) or repr(self).strip("<>")
 
     def to_json(self) -> dict:
-        """``tinygc-history/1`` (docs/features/unit/history-format.md)."""
+        """``tinygc-history/1`` (docs/formats/unit.md)."""
         units = [_of_unit(unit, outlooks) for unit, outlooks in zip(self.units, self.outlooks, strict=True)]
         return plain({"schema": SCHEMA, "version": VERSION, "units": units, "remarks": self.remarks})
 

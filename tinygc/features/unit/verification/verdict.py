@@ -165,7 +165,7 @@ class Verified(Shown):
         return Path(path)
 
     def to_json(self) -> dict:
-        """``tinygc-verify/1`` (docs/features/unit/verify-format.md)."""
+        """``tinygc-verify/1`` (docs/formats/unit.md)."""
         diagnosis = self.diagnosis
         return plain(
             {

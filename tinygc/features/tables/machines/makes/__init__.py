@@ -81,7 +81,7 @@ def open_table(
 # A first table.toml: ``table new MAKE``.
 
 TEMPLATE = """\
-# A table that turns a sensor (docs/features/tables/tables-format.md).  Fill in what is marked <--, then `table check table.toml`.
+# A table that turns a sensor (docs/formats/tables.md).  Fill in what is marked <--, then `table check table.toml`.
 schema = "{schema}"
 name = "my table"
 make = "{make}"  # {title}

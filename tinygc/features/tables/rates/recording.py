@@ -67,9 +67,7 @@ def read_recording(folder: Path, progress: Progress) -> tuple[list[Points], list
     """
     for path in (folder / TABLE, folder / ANGLES):
         if not path.exists():
-            raise FormatError(
-                f"{path}: not found; a recording of rates has {STEM}*.csv, {TABLE} and {ANGLES} (docs/formats/tables.md)"
-            )
+            raise FormatError(f"{path}: not found; a recording of rates has {STEM}*.csv, {TABLE} and {ANGLES} (docs/formats/tables.md)")
         require_file(path)
     paths = log_paths(folder, STEM)
     if not paths:

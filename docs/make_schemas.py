@@ -163,7 +163,7 @@ def _table_of(keys: dict[tuple[str, ...], str]) -> dict[str, Any]:
         schema = _table_of(within) if within else _type(text)
         if any(path[0] == f"{name}[]" for path in keys):
             schema = {"type": "array", "items": schema}
-        if within and text.endswith(" or null"):
+        if within and text.endswith("/null"):
             schema = {"anyOf": [schema, TYPES["null"]]}
         if name.startswith("<"):
             table["additionalProperties"] = schema

@@ -31,7 +31,7 @@ def test_every_json_format_has_a_schema():
     ("text", "sound", "wrong"),
     [
         ("text", ["a"], [None, 1]),
-        ("size or null", [0, 1.5, None], [-1]),
+        ("size/null", [0, 1.5, None], [-1]),
         ("2 of share/null", [[0, None]], [[0], [0, 2], None]),
         ("n×3 of number", [[], [[1, 2, 3]]], [[[1, 2]]]),
         ('"x, y"/"x or y"/1', ["x, y", "x or y", 1], ["x", 2]),
@@ -49,7 +49,7 @@ def test_a_type_of_the_pages(text, sound, wrong):
 def test_the_types_of_a_row_are_those_of_its_keys_in_order():
     rows = [
         '| `{a,b}.{c,d}`, `e` | text, count; "x; y" | – |',
-        "| `f[].<id>`, `g`, `g.h`, `i`, `j` | size; table or null; flag?; text unless `g`; text with `k` | – |",
+        "| `f[].<id>`, `g`, `g.h`, `i`, `j` | size; table/null; flag?; text unless `g`; text with `k` | – |",
     ]
     keys = dict(each for row in rows for each in maker()._typed_keys(row))
     typed = Draft202012Validator(maker()._table_of(keys))

@@ -9,7 +9,7 @@ import pytest
 from scipy.special import expit
 from scipy.stats import chi2, multivariate_normal, t
 
-from session.base.texts import measured
+from session.base.texts import measured, probability, significant
 from session.base.units import DEG, EARTH_RATE_RPS
 from tinygc.effects import AppliedEffect, Movement, catalogue
 from tinygc.effects.effect import StatedNumbers
@@ -38,7 +38,6 @@ from tinygc.explanation.claims import (
     named_claims,
     offset_claim,
     p_entry,
-    p_words,
     readable,
 )
 from tinygc.explanation.data_repair import _claim
@@ -98,13 +97,21 @@ def test_what_every_report_states_beyond_the_linear_model_is_per_g_and_between_b
         (1.23456789, None, "1.2346"),
         (1.23456789, 0.0, "1.2346"),
         (1.23456789, np.inf, "1.2346"),
-        (np.nan, 1.0, "nan"),
-        (1.0, 1.2e-11, "1.000000000000 ± 0.000000000012"),
-        (1.0, 1.2e-12, "1 ± 1.2e-12"),
+        (np.nan, 1.0, "–"),
+        (1.0, None, "1"),
+        (1234567.8, None, "1234600"),
+        (-0.0000123456, None, "-0.000012346"),
+        (1.23456789, 1.2e-7, "1.2346 ± 0.00000012"),
+        (-0.0001, 0.02, "0.000 ± 0.020"),
     ],
 )
 def test_a_number_has_two_digits_of_its_sigma(value, std, text):
     assert measured(value, std) == text
+
+
+def test_a_number_has_no_exponent_and_five_digits_at_most():
+    values = (0.0, 5e-7, 2e-6, -0.25, 12345.0, 123456.0, -0.99996, np.inf)
+    assert [significant(value) for value in values] == ["0", "0.000000500", "0.00000200", "-0.250", "12345", "123460", "-1.00", "–"]
 
 
 def test_a_p_value_that_underflows_is_a_bound():
@@ -112,8 +119,8 @@ def test_a_p_value_that_underflows_is_a_bound():
     assert p_entry("p", 0.02, bound=True) == {"p": 0.02, "p_is_upper_bound": True}
     assert p_entry("p", 1e-300) == {"p": 1e-300}
     assert p_entry("p", 0.0) == {"p": 1e-300, "p_is_upper_bound": True}
-    said = [p_words(0.0123), p_words(0.0123, bound=True), p_words(1e-99), p_words(1.1e-99)]
-    assert said == ["= 0.012", "< 0.012", "< 1e-99", "= 1.1e-99"]
+    texts = [probability(p) for p in (0.0123, 0.001, 0.00099, 1e-99, 1.0)]
+    assert [*texts, probability(0.0123, True)] == ["p = 0.012", "p = 0.0010", "p < 0.001", "p < 0.001", "p = 1.0", "p < 0.012"]
 
 
 # Parameters, their sigmas, and the sentence.
@@ -161,7 +168,7 @@ def test_numbers_are_held_against_those_that_the_file_states():
     minutes = replace(at, shape={"at_s": 0.25}, scan=replace(STEP.scan, si=60.0))
     assert _against_stated(AppliedEffect(minutes, np.zeros(3)), np.eye(3)).chi_square == pytest.approx(5.0**2 / 2)
     bar = chi2.isf(1e-3, 3)
-    assert AgainstStated(bar * 0.999, 3).words.startswith("the numbers agree with those that its file states (p = 0.001)")
+    assert AgainstStated(bar * 0.999, 3).words.startswith("the numbers agree with those that its file states (p = 0.0010)")
     assert "the law as stated is contradicted" in AgainstStated(bar * 1.001, 3).words
 
 
@@ -230,7 +237,7 @@ def test_named_effects_have_their_share_of_what_is_beyond_noise():
     assert claim.says == described(STEP, theta, covariance)
     own = replace(STEP, stated=StatedNumbers(theta, covariance))
     (claim,) = named_claims(fit(own), [replace(named, effect=own)], 10.0)
-    assert claim.says == f"{described(STEP, theta, covariance)}; the numbers agree with those that its file states (p = 1)"
+    assert claim.says == f"{described(STEP, theta, covariance)}; the numbers agree with those that its file states (p = 1.0)"
     assert claim.to_json()["against_stated"]["freedom"] == 3
 
 
@@ -339,8 +346,8 @@ def test_a_familys_size_is_from_lowest_to_highest_and_its_members_share_its_prob
 
 
 def test_a_thermometer_closes_the_question_where_one_member_has_nearly_all():
-    for thermometer, probability, is_open in ((True, 0.95, False), (True, 0.94, True), (False, 0.95, True)):
-        found = slow_zero(twin_of(thermometer), [drift(probability, warm=1 - probability)])
+    for thermometer, chance, is_open in ((True, 0.95, False), (True, 0.94, True), (False, 0.95, True)):
+        found = slow_zero(twin_of(thermometer), [drift(chance, warm=1 - chance)])
         assert found.is_open == is_open
         assert found.words.endswith("temperature was not recorded") != thermometer
     warm, step, rest = "unknown.warm_up", "gyro.bias_step", "gyro.bias_drift"

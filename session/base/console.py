@@ -21,10 +21,15 @@ def one_line(text: str, style: str = "", end: str = "") -> Text:
 
 
 class PlainConsole(Console):
-    """No markup; a string is one line, a ``Text`` keeps its lines; unprintable characters are shown as escapes (``printable``)."""
+    """No markup; a string is one line, a ``Text`` keeps its lines; unprintable characters are shown as escapes (``printable``).  Lines wrap
+    on a terminal alone, between words; one with a longer word, such as a path, is left to the terminal, so that it can be copied."""
 
     def __init__(self, **settings: Any):
         super().__init__(highlight=False, markup=False, emoji=False, **settings)
+
+    def print(self, *objects: Any, **settings: Any) -> None:
+        """Print."""
+        super().print(*objects, **{"crop": False, "soft_wrap": not self.is_terminal} | settings)
 
     def render_str(self, text: str, **settings: Any) -> Text:
         """Render a string as one line."""
@@ -32,6 +37,9 @@ class PlainConsole(Console):
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
         """Escape everything but rich's own control sequences, which are segments of their own."""
+        options = options or self.options
+        if isinstance(renderable, Text) and max(map(len, renderable.plain.split()), default=0) > options.max_width:
+            options = options.update(no_wrap=True, overflow="ignore")
         for segment in super().render(renderable, options):
             if segment.control or segment.text == "\n" or segment.text.isprintable():
                 yield segment

@@ -8,7 +8,7 @@ import re
 import shlex
 import sys
 from collections.abc import Sequence
-from math import floor, isfinite, log10
+from math import isfinite
 from os import fspath
 
 from session.base.units import DEG
@@ -113,34 +113,46 @@ def _in_shell(character: str) -> str:
 STANDIN_NAME, SENSOR_NAME = "stand-in", "sensor"
 
 
-# Numbers for reading: only significant digits, a true minus sign.
+# Numbers for reading: at most five significant digits, no exponent, and the minus sign of every keyboard, which pages set as in print.
+# A file or a JSON document that needs all digits uses ``repr``.
 
 NONE = "–"
-#: beyond which a value is written with a power of ten
-MOST_DECIMALS = 12
+#: of a number that is read
+MOST_DIGITS = 5
+#: below which a probability is a bound
+LEAST_P = 1e-3
+#: a minus sign of a number
+MINUS = re.compile(r"(?<![\w.-])-(?=\d)")
 
 
 def fixed(value: float, decimals: int) -> str:
-    """Number with a fixed count of decimals."""
+    """Number with a fixed count of decimals; where that is below 0 it ends in zeros."""
     if not isfinite(value):
         return NONE
-    text = f"{value:.{max(decimals, 0)}f}".replace("-", "−")
-    return text.removeprefix("−") if not any(digit in "123456789" for digit in text) else text
+    text = f"{round(value, min(decimals, 0)) if decimals < 0 else value:.{max(decimals, 0)}f}"
+    return text.removeprefix("-") if not any(digit in "123456789" for digit in text) else text
 
 
 def significant(value: float, digits: int = 3) -> str:
-    """Number with a given count of significant digits, never as a power of ten."""
+    """Number with a given count of significant digits, and with all digits before the point up to five."""
     if not isfinite(value) or value == 0:
         return "0" if value == 0 else NONE
-    return fixed(value, digits - 1 - floor(log10(abs(value)) + 1e-12))
+    return fixed(value, max(_decimals(value, digits), min(_decimals(value, MOST_DIGITS), 0)))
 
 
-def with_sigma(value: float, sigma: float) -> str:
-    """``−4.21 ± 0.05``: both with two digits of the sigma; three digits of the value where there is no sigma."""
-    if not (isfinite(sigma) and sigma > 0):
-        return f"{value:.3g}".replace("-", "−")
-    decimals = min(max(1 - floor(log10(sigma)), 0), 9)
-    return f"{value:.{decimals}f} ± {sigma:.{decimals}f}".replace("-", "−")
+def measured(value: float, sigma: float | None = None) -> str:
+    """``0.000951 ± 0.000012``: two digits of the sigma, the value to the same, or to five digits; without a sigma, five digits at most."""
+    if sigma is None or not isfinite(sigma) or sigma <= 0 or not isfinite(value):
+        text = significant(value, MOST_DIGITS)
+        return text.rstrip("0").removesuffix(".") if "." in text else text
+    decimals = _decimals(sigma, 2)
+    most = decimals if value == 0 else min(decimals, _decimals(value, MOST_DIGITS))
+    return f"{fixed(value, most)} ± {fixed(sigma, decimals)}"
+
+
+def _decimals(value: float, digits: int) -> int:
+    """How many decimals show so many significant digits of a value, once it is rounded."""
+    return digits - 1 - int(f"{value:.{digits - 1}e}".partition("e")[2])
 
 
 def degrees(angle_rad: float) -> str:
@@ -148,31 +160,13 @@ def degrees(angle_rad: float) -> str:
     return f"{significant(angle_rad / DEG)}°"
 
 
-def measured(value: float, std: float | None = None) -> str:
-    """``0.000951 ± 0.000012``: two digits of the std, the value to the same; five digits of a value whose std is not known."""
-    if std is None or not isfinite(std) or std <= 0 or not isfinite(value):
-        return f"{value:.5g}"
-    decimals = 1 - int(f"{std:.1e}".split("e")[1])
-    if decimals > MOST_DECIMALS:
-        return f"{value:.5g} ± {std:.2g}"
-    if decimals < 0:  # value and std both end in zeros
-        return f"{round(value, decimals):.0f} ± {round(std, decimals):.0f}"
-    return f"{round(value, decimals) + 0.0:.{decimals}f} ± {std:.{decimals}f}"  # no minus sign before nothing
-
-
-def probability(p: float) -> str:
-    """Text ``p = 0.31``, or a bound."""
+def probability(p: float, is_bound: bool = False) -> str:
+    """Text ``p = 0.31``; ``p < 0.31`` of a bound, and ``p < 0.001`` of all that is less."""
     if not isfinite(p):
         return f"p {NONE}"
-    if p < 1e-99:
-        return "p < 10⁻⁹⁹"
-    if p >= 1e-3:
-        return f"p = {significant(p, 2)}"
-    return f"p = {power_of_ten(p)}"
+    return f"p {'<' if is_bound or p < LEAST_P else '='} {significant(max(p, LEAST_P), 2 if p >= LEAST_P else 1)}"
 
 
-def power_of_ten(value: float) -> str:
-    """Text such as ``3 × 10⁻⁷``."""
-    exponent = floor(log10(value) + log10(1 / 0.95))  # 9.6 is 10 in one digit: 1 of the next power
-    superscript = str(exponent).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
-    return f"{value / 10**exponent:.0f} × 10{superscript}"
+def print_minus(text: str) -> str:
+    """Text with the minus signs of print, for a page or a picture."""
+    return MINUS.sub("−", text)

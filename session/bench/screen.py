@@ -58,7 +58,7 @@ class PlainLines:
 
     def change(self, change: GuideMessage) -> None:
         """Print a message."""
-        self.console.print(f"[{change.at_s:7.1f} s] {change.text}", soft_wrap=True)
+        self.console.print(f"[{change.at_s:7.1f} s] {change.text}")
 
     def show(self, guide: Guide) -> None:
         """Print a new instruction, and every few seconds why the guide waits."""
@@ -67,7 +67,7 @@ class PlainLines:
             return
         why = now.says if not now.good or (now.stage in (Stage.TURN, Stage.CLOSURE) and not guide.turning) else ""
         self._said, self._said_s = now.do, wall_s
-        self.console.print(f"{'':12}{now.do}{f' ({why})' if why else ''}", soft_wrap=True)
+        self.console.print(f"{'':12}{now.do}{f' ({why})' if why else ''}")
 
 
 def view(guide: Guide, title: str, changes: Collection[GuideMessage]) -> Group:

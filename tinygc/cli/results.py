@@ -115,15 +115,16 @@ def output(args: Any) -> PlainConsole:
 
 def print_commands(args: Any, introduction: str, *commands: str) -> None:
     """Print commands for the user to run, each alone on its line."""
-    for line in (introduction, *(f"  {command}" for command in commands)):
-        output(args).print(line, soft_wrap=True, markup=False)
+    output(args).print(introduction)
+    for command in commands:
+        output(args).print(f"  {command}", soft_wrap=True)
 
 
 def beside_log(args: Any, lines: list[str], to_stdout: bool) -> None:
     """Print lines about a log that was written: on standard error where the log itself goes to standard output."""
     for line in lines:
         if not to_stdout:
-            output(args).print(line, soft_wrap=True)
+            output(args).print(line)
         elif not args.quiet:
             print(printable(line), file=sys.stderr)
 
@@ -134,7 +135,7 @@ def verdict(args: Any, line: RenderableType) -> None:
     from tinygc.reporting import terminal
 
     if args.quiet and not is_standard_output(args.json) and not args.of_several:
-        terminal.output().print(line, soft_wrap=True)
+        terminal.output().print(line)
 
 
 def complain(line: str) -> None:
@@ -200,9 +201,9 @@ def keep(args: Any, found: Any, folder: Path | None, *names: str) -> None:
     if folder is not None:
         found.save(folder, pictures=args.pictures)
         written = [str(folder / name) for name in names if (folder / name).exists() and (args.pictures or not name.endswith(".svg"))]
-        output(args).print(f"written: {', '.join(written)}", soft_wrap=True, markup=False)
+        output(args).print(f"written: {', '.join(written)}")
     elif args.json is None:
-        output(args).print(f"nothing is written; --out DIR keeps {', '.join(names[:-1])} and {names[-1]}", soft_wrap=True)
+        output(args).print(f"nothing is written; --out DIR keeps {', '.join(names[:-1])} and {names[-1]}")
     write_json(args.json, found.to_json())
 
 

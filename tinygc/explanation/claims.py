@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.special import stdtr
 
+from session.base.texts import probability
 from session.base.units import DEG
 from tinygc.closure.problem import SAID_SIGMAS
 from tinygc.effects import AppliedEffect, CommonDelay, Convention, Derived, Effect, catalogue
@@ -27,11 +28,6 @@ def p_entry(name: str, p_value: float, bound: bool = False) -> dict:
     """A p-value for JSON.  ``<name>_is_upper_bound`` is added if it underflows, since readers take logarithms, or if it is the threshold of
     a detector."""
     return {name: max(p_value, SMALLEST_P), **({f"{name}_is_upper_bound": True} if bound or p_value < SMALLEST_P else {})}
-
-
-def p_words(p_value: float, bound: bool = False) -> str:
-    """``= 0.012``, ``< 0.012`` for a bound, or ``< 1e-99``."""
-    return f"{'<' if bound else '='} {p_value:.2g}" if p_value > 1e-99 else "< 1e-99"
 
 
 # Parameters as docs/formats.md names them, in display units, with their standard deviations.
@@ -104,9 +100,9 @@ class AgainstStated:
     def words(self) -> str:
         """Say whether they agree."""
         if self.p_value >= DIFFERENT_P:
-            return f"the numbers agree with those that its file states (p {p_words(self.p_value)})"
+            return f"the numbers agree with those that its file states ({probability(self.p_value)})"
         return (
-            f"the numbers are not those that its file states (p {p_words(self.p_value)}): the law as stated is contradicted, "
+            f"the numbers are not those that its file states ({probability(self.p_value)}): the law as stated is contradicted, "
             "unless this is another unit"
         )
 

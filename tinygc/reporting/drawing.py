@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 
 from session.base.errors import CalibrationError
 from session.base.results import whole, write_text_whole
-from session.base.texts import fixed
+from session.base.texts import fixed, print_minus
 from tinygc.reporting.html.markup import escape
 
 # Colours and styles, of which the style sheet of pages and of SVG files is made, and the PNG.
@@ -579,11 +579,11 @@ def _ended(inside: str, element: str) -> str:
 
 def _svg(shape: Shape) -> str:
     kind = f'class="{shape.style} k-{shape.kind}"'
-    titles = [f"<title>{escape(text)}</title>" for text in shape.says]
+    titles = [f"<title>{escape(print_minus(text))}</title>" for text in shape.says]
     if shape.style in TEXTS:
         ((x, y),) = shape.parts[0]
         anchor = "" if shape.anchor == "start" else f' text-anchor="{shape.anchor}"'
-        return f'<text {kind} x="{_px(x)}" y="{_px(y)}"{anchor}>{escape(shape.says[0])}</text>'
+        return f'<text {kind} x="{_px(x)}" y="{_px(y)}"{anchor}>{escape(print_minus(shape.says[0]))}</text>'
     opacities = () if shape.opacity is None else shape.opacity
     pale = [f' style="opacity:{STYLES[shape.style][2] * value:.2g}"' if value < 0.995 else "" for value in opacities]
     if shape.radius:

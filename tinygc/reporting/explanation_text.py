@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from session.base.texts import measured
+from session.base.texts import measured, probability
 from session.base.units import DEG, MG
 from tinygc.effects.effect import IN_STILLS
-from tinygc.explanation.claims import LEFT, p_words
+from tinygc.explanation.claims import LEFT
 from tinygc.explanation.decision import tilt_rms
 from tinygc.explanation.engine import Explanation
 from tinygc.explanation.result import (
@@ -45,7 +45,7 @@ def explanation_facts(e: Explanation, panels: Sequence[Part] = (), with_next: bo
         parts += [family.words, ""]
     for claim, style in (*((claim, "bold cyan") for claim in e.claimed), *((claim, "bold magenta") for claim in e.findings)):
         named = style == "bold cyan"
-        chance = f"   probability {chance_words(claim.probability)}{among * named}, p {p_words(claim.p_value, claim.p_is_bound)}"
+        chance = f"   probability {chance_words(claim.probability)}{among * named}, {probability(claim.p_value, claim.p_is_bound)}"
         share = "" if named else f"; it carries {100 * (claim.share or 0):.0f} % of the misfit"
         parts += [Text.assemble((f"{claim.effect.id}  ", style), claim.effect.equation, chance), f"  {claim.says}{share}"]
         parts += [f"  {line}" for line in parameter_lines(claim.parameters, claim.std) if named]
@@ -73,7 +73,7 @@ def explanation_facts(e: Explanation, panels: Sequence[Part] = (), with_next: bo
 def verdict_line(e: Any) -> Text:
     """Session, verdict and p-value."""
     words, style = e.words
-    return Text.assemble((f"{e.session.name}: ", "bold"), (words, style), f"   (p {p_words(e.p_value)})")
+    return Text.assemble((f"{e.session.name}: ", "bold"), (words, style), f"   ({probability(e.p_value)})")
 
 
 def parameter_lines(parameters: Mapping[str, Any], stds: Mapping[str, Any]) -> list[str]:

@@ -13,20 +13,22 @@ from dataclasses import dataclass, field
 from math import isfinite
 from typing import TYPE_CHECKING, Any, Protocol
 
+from rich.cells import cell_len
+from rich.console import Console, ConsoleOptions, RenderResult
 from rich.table import Table as RichTable
 
 from session import VERSION
-from session.base.texts import NONE, measured, significant
+from session.base.texts import NONE, measured, print_minus, printable, significant
 from tinygc.inference.decide import Fact
-from tinygc.reporting.terminal import Group, RenderableType, Text
+from tinygc.reporting.terminal import Group, Text
 
 if TYPE_CHECKING:
     from tinygc.reporting.html import markup
 
 #: what a page shows of a terminal's style; others are plain there
 KINDS = {"dim": "soft", "yellow": "warning"}
-#: a minus sign of a number; four digits or more of a whole number's part
-MINUS, THOUSANDS = re.compile(r"(?<![\w.-])-(?=\d)"), re.compile(r"(?<![\d.\w])\d{4,}(?!\w)")
+#: four digits or more of a whole number's part
+THOUSANDS = re.compile(r"(?<![\d.\w])\d{4,}(?!\w)")
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,18 +45,26 @@ class Table:
     minor: Collection[int] = ()
     kind: str = ""
 
-    def __rich__(self) -> RenderableType:
-        """For a terminal."""
-        table = RichTable(title=self.title or None, title_justify="left", title_style="bold", box=None, padding=(0, 1, 0, 0))
-        table.pad_edge, table.show_header = False, any(self.header)
-        for place, name in enumerate(self.header):
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        """For a terminal: a row is a line; where it is too narrow, the minor columns are left out, the last one first."""
+        rows = [[cell if isinstance(cell, Text) else Text(printable(words(cell))) for cell in row] for row in self.rows]
+        cells = [[name, *(row[place].plain for row in rows if place < len(row))] for place, name in enumerate(self.header)]
+        widths = [max(map(cell_len, each)) for each in cells]
+        shown = list(range(len(self.header)))
+        for place in sorted(self.minor, reverse=True):
+            if sum(widths[each] + 1 for each in shown) - 1 > options.max_width:
+                shown.remove(place)
+        table = RichTable(box=None, padding=(0, 1, 0, 0), pad_edge=False, show_header=any(self.header))
+        for place in shown:
             words_only = place in self.left
-            table.add_column(name, justify="left" if words_only else "right", no_wrap=not words_only, overflow="fold")
-        for number, row in enumerate(self.rows):
-            table.add_row(*(cell if isinstance(cell, Text) else words(cell) for cell in row), style=self.styles.get(number, ""))
+            table.add_column(self.header[place], justify="left" if words_only else "right", no_wrap=not words_only, overflow="fold")
+        for number, row in enumerate(rows):
+            table.add_row(*(row[place] for place in shown if place < len(row)), style=self.styles.get(number, ""))
+        if self.title:
+            yield Text(self.title, "bold")
+        yield table
         if self.caption:
-            table.caption, table.caption_justify = self.caption, "left"
-        return table
+            yield Text(self.caption, "dim")
 
     def __html__(self) -> str:
         """For a page."""
@@ -134,7 +144,7 @@ def typeset(text: str, number: bool = False) -> str:
     """Text as HTML, its further lines small; with true minus signs, and thin spaces between the thousands of a number."""
     from tinygc.reporting.html import markup  # late: a terminal needs none
 
-    said = MINUS.sub("−", text)
+    said = print_minus(text)
     if number:
         said = THOUSANDS.sub(lambda found: f"{int(found[0]):,}".replace(",", "\u202f"), said)
     first, *more = ("\u202f".join(map(markup.escape, line.split("\u202f"))) for line in said.split("\n"))
@@ -147,7 +157,7 @@ def words(cell: Any) -> str:
         return NONE
     if isinstance(cell, tuple):
         return NONE if cell[0] is None or not isfinite(cell[0]) else measured(*cell)
-    return significant(cell).replace("−", "-") if isinstance(cell, float) else str(cell)
+    return significant(cell) if isinstance(cell, float) else str(cell)
 
 
 def page(kicker: str, heading: str, chapters: Iterable[Chapter], foot: str) -> str:

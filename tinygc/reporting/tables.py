@@ -116,10 +116,10 @@ def verdict_line(findings: list[Finding], with_worst: bool = True) -> Text:
 COLUMNS = ("session", "recorded", "sensor", "logs", "segments", "held out", "floor", "closure runs", "use", "explain")
 
 
-def sessions_table(folder: Path, sessions: list[ListedSession]) -> Part:
-    """Table of sessions, one row each; the row of an unreadable session states the error."""
+def sessions_table(folder: Path, sessions: list[ListedSession]) -> list[Part]:
+    """Table of sessions, one row each, and the errors of those that cannot be read."""
     if not sessions:
-        return f"{folder}: no session here (folders with session.toml); {command_line('record')} or import makes one"
+        return [f"{folder}: no session here (folders with session.toml); {command_line('record')} or import makes one"]
     rows = []
     for each in sessions:
         name = each.folder.relative_to(folder) if each.folder != folder else each.folder
@@ -127,9 +127,11 @@ def sessions_table(folder: Path, sessions: list[ListedSession]) -> Part:
         recorded = (each.date or NONE)[:16].replace("T", " ") + (" (file)" if each.date_from == "file" else "")
         logs = None if each.logs is None else f"{each.logs}" + (f" + {each.closures}" if each.closures else "")
         figures = [degrees_text(each.held_out_deg), degrees_text(each.floor_deg), ", ".join(map(degrees_text, each.runs_deg)) or None]
-        said = Text(f"! {each.problem}", "red") if each.problem else each.verdict and each.verdict.replace("_", " ")
-        rows.append([name, recorded, sensor or None, logs, each.segments or None, *figures, each.method, said])
-    return Table("", COLUMNS, rows, "closure in degrees: held-out tilt rms; RMSE of each closure run", (0, 1, 2, 8, 9))
+        answer = Text("cannot be read", "red") if each.problem else each.verdict and each.verdict.replace("_", " ")
+        rows.append([name, recorded, sensor or None, logs, each.segments or None, *figures, each.method, answer])
+    problems = [one_line(each.problem, "red") for each in sessions if each.problem]
+    caption = "closure in degrees: held-out tilt rms; RMSE of each closure run"
+    return [Table("", COLUMNS, rows, caption, (0, 1, 2, 8, 9), minor=(2, 3, 4, 6, 7, 8)), *problems]
 
 
 def degrees_text(value_deg: float | None) -> str:

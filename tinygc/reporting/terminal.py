@@ -15,8 +15,8 @@ from rich.text import Text as Text
 from session.base.console import PlainConsole as PlainConsole
 from session.base.console import one_line as one_line
 
-#: columns of a table in a pipe: wide enough that no cell wraps
-PIPED_WIDTH = 160
+#: columns of a screen, where its width is not known: in a pipe, in Python
+COLUMNS = 80
 
 
 class _Output(PlainConsole):
@@ -32,7 +32,7 @@ class _Output(PlainConsole):
 
 def output(quiet: bool = False) -> PlainConsole:
     """Return standard output; silent when quiet."""
-    return _Output(quiet=quiet, width=None if sys.stdout.isatty() else PIPED_WIDTH)
+    return _Output(quiet=quiet, width=None if sys.stdout.isatty() else COLUMNS)
 
 
 @contextmanager
@@ -48,7 +48,7 @@ def progress_bar(quiet: bool = False) -> Iterator[Callable[[str, int, int], None
         def print_step(what: str, done: int, of: int) -> None:
             nonlocal last
             if what != last:
-                console.print(f"{what} …", soft_wrap=True)
+                console.print(f"{what} …")
             last = what
 
         yield print_step
@@ -63,20 +63,20 @@ def progress_bar(quiet: bool = False) -> Iterator[Callable[[str, int, int], None
 
 # Render a page as plain text, and as HTML for a notebook.
 
-#: width in columns at which no cell of a table wraps
-WIDTH = 160
+#: columns of a notebook
+WIDE = 160
 _HTML = '<pre style="font-family:ui-monospace,Menlo,Consolas,monospace;line-height:1.35;white-space:pre">{code}</pre>'
 
 
 def as_text(page: RenderableType) -> str:
     """Render as plain lines, without colours and trailing blanks."""
     file = io.StringIO()
-    PlainConsole(file=file, width=WIDTH, no_color=True).print(page)
+    PlainConsole(file=file, width=COLUMNS, no_color=True).print(page, soft_wrap=True)
     return "\n".join(line.rstrip() for line in file.getvalue().splitlines())
 
 
 def as_html(page: RenderableType) -> str:
     """Render as HTML with colours, for a notebook."""
-    console = PlainConsole(file=io.StringIO(), record=True, width=WIDTH)
+    console = PlainConsole(file=io.StringIO(), record=True, width=WIDE)
     console.print(page)
     return console.export_html(inline_styles=True, code_format=_HTML)

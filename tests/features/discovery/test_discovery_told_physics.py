@@ -109,10 +109,10 @@ TOLD = law_of(*ZONE, runners_up=(runner_up(CUBE),), same=(LawForm((Factor("rate"
             alternative: ω_i += c_i u_i³ (worse by 4.2, correlation 0.962)
             beside it: gyro.bias_drift dps_over_log: 1.20 ± 0.10 0.40 ± 0.10 0.00 ± 0.10
             from 0.21 of its size on
-            a search finds as much with p = 0.0005
+            a search finds as much with p < 0.001
             next: to tell ω_i += c_i dz(u_i, 0.1) from ω_i += c_i u_i³:""",
         ),
-        (found(law_of(*ZONE, chance_p=0.0)), "a search finds as much with p < 0.0001"),
+        (found(law_of(*ZONE, chance_p=0.0)), "a search finds as much with p < 0.001"),
         (found(law_of(*LAWS["matrix"])), "x ← x 0.1000 ± 0.0020\ny ← x 0.0500 ±\nz ← x -0.03000 ±"),
         (
             NOTHING,

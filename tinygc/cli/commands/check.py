@@ -43,9 +43,9 @@ def run(args: Options) -> int:
     findings = check(args.folder)
     console = output(args)
     for line in (verdict_line(findings, with_worst=False), *unit_lines(findings)):  # one line each, for readers by program
-        console.print(line, soft_wrap=True)
+        console.print(line)
     console.print(findings_table(findings) if args.all else finding_lines(findings))
-    console.print(next_line(args.folder, findings), soft_wrap=True)
+    console.print(next_line(args.folder, findings))
     if worst(findings) != "error":
         verdict(args, verdict_line(findings))
     write_json(args.json, {"schema": "tinygc-check/2", "findings": findings})
@@ -90,6 +90,6 @@ def _list(args: Options) -> int:
     from tinygc.reporting.tables import sessions_table
 
     sessions = list_sessions(args.folder)
-    output(args).print(sessions_table(args.folder, sessions))
+    output(args).print(*sessions_table(args.folder, sessions), sep="\n")
     write_json(args.json, {"schema": "tinygc-list/1", "sessions": sessions})
     return 0

@@ -28,7 +28,7 @@ def run(args: Options) -> int:
     from session.base.texts import command_line
     from tinygc.library.fits import fit
     from tinygc.library.simulations import simulate
-    from tinygc.reporting.fit_screen import COLUMNS, files_line, fit_screen
+    from tinygc.reporting.fit_screen import files_line, fit_screen
     from tinygc.reporting.terminal import progress_bar
     from tinygc.simulation.write import check_folder
 
@@ -36,7 +36,7 @@ def run(args: Options) -> int:
     simulated = simulate(segments=SEGMENTS, closure_s=CLOSURE_S, seed=FIRST_SEED + args.seed)
     folder = simulated.save(args.out, force=args.force)
     console = output(args)
-    console.print(f"{folder}: a simulated session, fitted as a recorded one", soft_wrap=True)
+    console.print(f"{folder}: a simulated session, fitted as a recorded one")
     with progress_bar(args.quiet) as progress:
         result = fit(folder, progress=progress)
     decision = result.verdict()
@@ -48,8 +48,8 @@ def run(args: Options) -> int:
         for each, truth in zip(result.parameters.values(), true, strict=True)
     ]
     worst = max(abs(each.value - truth) / each.sigma for each, truth in zip(result.parameters.values(), true, strict=True))
-    console.print(fit_screen(result.result, decision), width=COLUMNS)
-    console.print(files_line(result.result, saved, decision), soft_wrap=True)
+    console.print(fit_screen(result.result, decision))
+    console.print(files_line(result.result, saved, decision))
     console.print(f"truth: the twelve numbers of E and B are within {worst:.1f} sigma of those that were simulated (truth.json)")
     log, model = next(folder.glob("closure*")), saved / "model_least_squares.json"
     print_commands(

@@ -41,9 +41,9 @@ def run(args: Options) -> int:
         why = explain(args.folder, check_on=args.check_on, progress=progress, **values(args, Seed, AtRest), **args.further)
     folder = why.save(args.out, pictures=args.pictures)
     output(args).print(why.page)
-    output(args).print(f"written: {folder}", soft_wrap=True)
+    output(args).print(f"written: {folder}")
     for line in why.notes:
-        output(args).print(line, soft_wrap=True)
+        output(args).print(line)
     for title, command in why.offers(folder):
         print_commands(args, title, command)
     from session.log.siblings import others_beside

@@ -30,6 +30,6 @@ def run(args: Options) -> int:
     home = args.folder.parent if args.folder.is_file() else args.folder
     written = made.save(args.out or home / "export")
     for path in written:
-        output(args).print(f"written: {path}", soft_wrap=True)
+        output(args).print(f"written: {path}")
     write_json(args.json, made.to_json(written))
     return 0

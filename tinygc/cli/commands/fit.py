@@ -44,7 +44,7 @@ def _fit(args: Options) -> Done:
     if (done := features.first("fit of a folder", args)) is not None:
         return done
     from tinygc.library.fits import fit
-    from tinygc.reporting.fit_screen import COLUMNS, files_line, fit_screen, next_line, verdict_lines
+    from tinygc.reporting.fit_screen import files_line, fit_screen, next_line, verdict_lines
     from tinygc.reporting.fit_text import fit_report
     from tinygc.reporting.terminal import progress_bar
 
@@ -61,9 +61,9 @@ def _fit(args: Options) -> Done:
         console.print(*verdict_lines(decision), sep="\n")
         console.print(fit_report(result.result))
     else:
-        console.print(fit_screen(result.result, decision), width=COLUMNS)
-    console.print(files_line(result.result, folder, decision), soft_wrap=True)
-    console.print(next_line(result.result, decision, args.effects), soft_wrap=True)
+        console.print(fit_screen(result.result, decision))
+    console.print(files_line(result.result, folder, decision))
+    console.print(next_line(result.result, decision, args.effects))
     if result.result.against_raw.failed:
         complain(result.result.against_raw.words)
     elif not decision.passed:
@@ -82,7 +82,7 @@ def _accelerometer(args: Options) -> Done:
     out = args.out or args.folder.resolve().with_name(args.folder.resolve().name + "_calibrated")
     found.save(out)
     output(args).print(found.page)
-    output(args).print(f"calibrated copy: {out}", soft_wrap=True)
+    output(args).print(f"calibrated copy: {out}")
     return Done(0, found.to_json(), "the accelerometer alone")
 
 

@@ -49,8 +49,8 @@ def run(args: Options) -> int:
     if args.list:
         readers = [{"name": name, "example": example, "needs": needs} for name, example, needs in known_logs()]
         for each in readers:
-            console.print(each["name"] + (f" ({each['needs']})" if each["needs"] else ""), soft_wrap=True, markup=False, highlight=False)
-            console.print(f"    {each['example']}", soft_wrap=True, markup=False, highlight=False)
+            console.print(each["name"] + (f" ({each['needs']})" if each["needs"] else ""))
+            console.print(f"    {each['example']}")
         write_json(args.json, {"schema": "tinygc-readers/1", "readers": readers})
         return 0
     if not args.logs:
@@ -69,16 +69,16 @@ def run(args: Options) -> int:
         further=args.of_features,
         most_memory=args.most_memory,
     )
-    console.print(f"{made.log}: {made.samples} samples, {' and '.join(made.dialects)}", soft_wrap=True)
+    console.print(f"{made.log}: {made.samples} samples, {' and '.join(made.dialects)}")
     for line in made.took:
-        console.print(f"  {line}", soft_wrap=True, markup=False)
+        console.print(f"  {line}")
     for note in made.notes:
-        console.print(f"  {note}", soft_wrap=True)
+        console.print(f"  {note}")
     for finding in made.findings:
         if finding.level in ("error", "warning") or finding.what == HELD:  # how fast each sensor is
-            console.print(f"  {finding.level}: {finding.line}", soft_wrap=True)
+            console.print(f"  {finding.level}: {finding.line}")
     console.print("next:")
     for step in made.next:
-        console.print(f"  {step}", soft_wrap=True, markup=False)
+        console.print(f"  {step}")
     write_json(args.json, made)
     return 0

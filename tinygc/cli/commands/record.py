@@ -75,7 +75,7 @@ def _ports(args: Recording) -> int:
     for port in ports:
         usb = "" if port.usb is None else f"  USB {port.usb[0]:04x}:{port.usb[1]:04x}"
         serial = "" if port.serial_number is None else f"  S/N {port.serial_number}"
-        output(args).print(f"{port.name}  {port.what}{usb}{serial}", soft_wrap=True)
+        output(args).print(f"{port.name}  {port.what}{usb}{serial}")
     if not any(port.is_candidate for port in ports):
         print_commands(args, "no board: plug one in, or start a virtual one with", command_line("board"))
     write_json(args.json, {"schema": "tinygc-ports/1", "ports": [asdict(port) for port in ports]})
@@ -101,26 +101,26 @@ def _tell(
     from session.bench.session_file import ASSUMED
 
     console = output(args)
-    console.print(f"{folder}: {so_far(guide, recorder)}", soft_wrap=True)
-    console.print(f"files: {files_left(folder)}", soft_wrap=True)
-    console.print(f"faults of the board: {faults_of(guide) or 'none'}", soft_wrap=True)
+    console.print(f"{folder}: {so_far(guide, recorder)}")
+    console.print(f"files: {files_left(folder)}")
+    console.print(f"faults of the board: {faults_of(guide) or 'none'}")
     for path in recorder.logs.put_aside:
-        console.print(f"{path}: what was there differed from {recorder.raw.path.name}; the log was made again", soft_wrap=True)
+        console.print(f"{path}: what was there differed from {recorder.raw.path.name}; the log was made again")
     for line in left_out(recorder):
-        console.print(line, soft_wrap=True)
+        console.print(line)
     for path in recorder.logs.paths:
         if not path.exists():
-            console.print(f"{path}: was removed meanwhile; --resume makes it again of {recorder.raw.path.name}", soft_wrap=True)
+            console.print(f"{path}: was removed meanwhile; --resume makes it again of {recorder.raw.path.name}")
     if guide.taken.own is not None and guide.stem != "rest":
-        console.print(f"accelerometer, of which session.toml says nothing: {guide.taken.own.words}", soft_wrap=True)
+        console.print(f"accelerometer, of which session.toml says nothing: {guide.taken.own.words}")
     if words := session_file.measured(recorder.clock.measured):
-        console.print(words, soft_wrap=True)
+        console.print(words)
     if session_file.assumed:
-        console.print(ASSUMED, soft_wrap=True)
+        console.print(ASSUMED)
     if machine is not None and (words := machine.finish(folder, recorder.logs.renamed)):
-        console.print(words, soft_wrap=True)
+        console.print(words)
     if words := missing(guide):
-        console.print(words, soft_wrap=True)
+        console.print(words)
     if interrupted:
         complain("interrupted; everything received is kept. To go on:")
         print(f"  {args.again(folder, port)}", file=sys.stderr, flush=True)

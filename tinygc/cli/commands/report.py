@@ -56,7 +56,7 @@ def _report(args: Options) -> Done:
     files = made.save(path, pdf=args.pdf)
     decision, evidence = made.verdict, made.data
     output(args).print(made.page)
-    output(args).print(f"written: {', '.join(map(str, files))}", soft_wrap=True)
+    output(args).print(f"written: {', '.join(map(str, files))}")
     verdict(args, decision.headline)
     table, code = made.to_json() | defaults_json(args), 0
     for write in beside:

@@ -36,11 +36,11 @@ def run(args: Options) -> int:
     console, chosen = output(args), sensors(args.name)
     if args.name is None:
         for profile in chosen:
-            console.print(_line(profile), soft_wrap=True)
-        console.print("(remembered figures are in brackets: nothing is held against them)", soft_wrap=True)
+            console.print(_line(profile))
+        console.print("(remembered figures are in brackets: nothing is held against them)")
     else:
         for line in _lines(chosen[0]):
-            console.print(line, soft_wrap=True)
+            console.print(line)
     write_json(args.json, {"schema": "tinygc-sensors/1", "sensors": [_table(profile) for profile in chosen]})
     return 0
 

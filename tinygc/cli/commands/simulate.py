@@ -48,7 +48,7 @@ def run(args: Options) -> int:
     check_folder(args.out, args.force)  # before the work
     folder = simulate(options, effects=effects).save(args.out, force=args.force)
     hides = f", hides {', '.join(effects)}" if effects else ""
-    output(args).print(f"{folder}: simulated{hides}; the truth is in truth.json, which no command reads", soft_wrap=True)
+    output(args).print(f"{folder}: simulated{hides}; the truth is in truth.json, which no command reads")
     more = {"effects": effects} if effects else {}
     write_json(args.json, {"schema": "tinygc-simulate/1", "folder": str(folder), "options": chosen} | more)
     return 0

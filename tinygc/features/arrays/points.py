@@ -139,7 +139,7 @@ def simulate(args: Any, options: SimulationOptions, chosen: dict) -> int | None:
         raise CalibrationError("--units: an array has neither rest logs nor turns of known angle; simulate them apart")
     check_folder(args.out, args.force)  # fail early
     folder = write_array(simulate_array(options, array), args.out, args.force)
-    output(args).print(f"{folder}: {array.units} units are simulated; the truth is in truth.json, which no command reads", soft_wrap=True)
+    output(args).print(f"{folder}: {array.units} units are simulated; the truth is in truth.json, which no command reads")
     write_json(args.json, {"schema": "tinygc-simulate/1", "folder": str(folder), "options": chosen | {"array": asdict(array)}})
     return 0
 
@@ -166,7 +166,7 @@ def fit(args: Any) -> Done | None:
     table = found.to_json()
     folder = found.save(args.out)
     output(args).print(found.page)
-    output(args).print(f"models: {folder}", soft_wrap=True)
+    output(args).print(f"models: {folder}")
     print_commands(args, "next:", command_line("explain", args.folder))
     closure = {unit["number"]: unit["closure"]["alone_rms_deg"] for unit in table["units"]}
     above = [] if args.limit_deg is None else [number for number, rms in closure.items() if not rms <= args.limit_deg]
@@ -190,7 +190,7 @@ def explain(args: Any) -> int | None:
         found = _read(args.folder, progress).explain(seed=args.seed, earth=args.earth, check_on=others, progress=progress)
     folder = found.save(args.out)
     output(args).print(found.page)
-    output(args).print(f"written: {folder}", soft_wrap=True)
+    output(args).print(f"written: {folder}")
     verdict(args, found.line)
     write_json(args.json, found.to_json())
     return 1 if args.strict and found.verdict not in ("no_mismatch", "undecided") else 0

@@ -7,9 +7,9 @@ from pathlib import PurePosixPath
 
 from session.base.numeric import sigmas_in
 from session.base.records import table_of
-from session.base.texts import measured
+from session.base.texts import measured, probability
 from session.base.units import DEG
-from tinygc.explanation.claims import p_entry, p_words
+from tinygc.explanation.claims import p_entry
 from tinygc.features.discovery.enumeration import bits
 from tinygc.features.discovery.quantities import QUANTITIES
 from tinygc.features.discovery.search_state import NOISE_P, Discovery, Law
@@ -104,8 +104,6 @@ HEADLINES = {
 }
 MOST_RUNNERS_UP = 3
 MOST_SAME = 3
-#: smallest chance printed, by the number of noise draws
-LEAST_P = 1e-4
 #: quantities whose detection limits are on the page
 MOST_LEARNABLE = 6
 
@@ -144,10 +142,10 @@ def discovery_facts(table: dict, following: str | None) -> list[Part]:
 
 def evidence_words(law: dict) -> list[str]:
     """Evidence for a law: chi-square, chance, held-out segments, and its detection limit."""
-    chance = p_words(max(law["chance_p"], LEAST_P), law["chance_p"] < LEAST_P)
+    chance = probability(law["chance_p"])
     found = [
         f"reduces chi-square by {law['chi_square']:.0f} and improves −2 log evidence by {law['better_by']:.4g}; "
-        f"in noise alone a search finds as much with p {chance}",
+        f"in noise alone a search finds as much with {chance}",
         *(held_out_words(each) for each in law["held_out"]),
     ]
     if law.get("not_observed"):
@@ -204,8 +202,8 @@ def held_out_words(each: dict) -> str:
         of = f"{each['recording']}, left out whole ({each['segments']} segments)"
     gone = "" if each["removed"] is None else f"; {100 * each['removed']:.1f} % of the excess removed"
     closure = f"closure {each['before_deg']:.4f}° before, {each['after_deg']:.4f}° after, floor {each['floor_deg']:.4f}°{gone}"
-    left = f"; the rest is more than the sensor's own noise (p {p_words(each['noise_p'])})" if each["noise_p"] < NOISE_P else ""
-    return f"{of}: {closure} (p {p_words(each['p_value'])}){left}"
+    left = f"; the rest is more than the sensor's own noise ({probability(each['noise_p'])})" if each["noise_p"] < NOISE_P else ""
+    return f"{of}: {closure} ({probability(each['p_value'])}){left}"
 
 
 def open_words(law: dict) -> list[str]:

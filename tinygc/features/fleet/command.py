@@ -111,7 +111,7 @@ def run(args: Options) -> int:
     if found.lot is None and (args.out / LOT).exists():
         complain(f"{args.out / LOT}: left as it was, since the sensors are of several models or too few; --lot writes it anew")
     output(args).print(found.page)
-    output(args).print(f"written: {', '.join(map(str, found.files))}", soft_wrap=True)
+    output(args).print(f"written: {', '.join(map(str, found.files))}")
     commands = [command_line("explain", first, "--check-on", *others) for first, others in found.offered]
     if commands:
         print_commands(args, "does what is named hold in the unit's other sessions?", *commands)
@@ -132,7 +132,7 @@ def _lot(args: Options) -> int:
     output(args).print(found.page)
     verdict(args, headline(found))
     files = [found.save(args.out / LOT), found.save_page(args.out / LOT_PAGE)]
-    output(args).print(f"written: {', '.join(map(str, files))}", soft_wrap=True)
+    output(args).print(f"written: {', '.join(map(str, files))}")
     write_json(args.json, found.to_json())
     return 1 if args.strict and (found.drifts or found.outliers) else 0
 

@@ -105,7 +105,7 @@ def run(args: Options) -> int:
 def _told(args: Options, lines: Sequence[str], table: dict) -> int:
     """Print lines, and write the JSON."""
     for line in lines:
-        output(args).print(printable(line), markup=False, highlight=False, soft_wrap=True)
+        output(args).print(printable(line))
     write_json(args.json, table)
     return 0
 

@@ -13,10 +13,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from session.base.errors import DataError
-from session.base.texts import measured
+from session.base.texts import measured, probability
 from session.base.units import DEG, DEG_PER_HOUR
 from tinygc.closure.problem import Problem
-from tinygc.explanation.claims import p_words
 from tinygc.features.tables import rows as of
 from tinygc.features.tables.machines.angles import NAME as ANGLES
 from tinygc.features.tables.machines.angles import read_angles
@@ -191,11 +190,11 @@ class TableShown:
         shown, verdict = self._to_json(), f"{self.table.name}: {KINDS[self.verdict].word}"
         if self.selected is None:
             return [("table", f"{verdict}: {self.why_not}")]
-        rows = [("table", f"{verdict} (p {p_words(shown['p_value'])}; {shown['rests']} rests, {shown['turns']} turns)")]
+        rows = [("table", f"{verdict} ({probability(shown['p_value'])}; {shown['rests']} rests, {shown['turns']} turns)")]
         for each in shown["effects"]:
             shape = (f"{key} {value}" for key, value in each["shape"].items() if key not in ("axis", "turn"))
             rows.append(
-                (each["id"], ", ".join(filter(None, (each["where"], *shape, f"p {p_words(each['p_value'])}: {each['description']}"))))
+                (each["id"], ", ".join(filter(None, (each["where"], *shape, f"{probability(each['p_value'])}: {each['description']}"))))
             )
             rows += [("", words) for words in parameter_lines(each["parameters"], each["std"])]
             if each["equivalent"]:

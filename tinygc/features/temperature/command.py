@@ -35,7 +35,7 @@ def run(args: Options) -> int:
         result = fit_temperature(args.folders, progress=progress, **values(args, ThermalOptions))
     save_thermal(result, folder)
     output(args).print(temperature_report(result))
-    output(args).print(f"model: {folder / MODEL}", soft_wrap=True)
+    output(args).print(f"model: {folder / MODEL}")
     write_json(args.json, to_json(result))
     return 0
 
@@ -48,7 +48,7 @@ def simulate(args: Any, options: SimulationOptions, chosen: dict) -> int | None:
     from tinygc.features.temperature.rest_simulation import write_rest
 
     folder = write_rest(rest, options, args.out, args.force)
-    output(args).print(f"{folder}: a rest log is simulated; the truth is in truth.json, which no command reads", soft_wrap=True)
+    output(args).print(f"{folder}: a rest log is simulated; the truth is in truth.json, which no command reads")
     told = {f"rest_{name}": value for name, value in changed(rest).items()}
     write_json(args.json, {"schema": "tinygc-simulate/1", "folder": str(folder), "options": told})
     return 0

@@ -89,7 +89,7 @@ def fit(args: Any) -> Done | None:
         result = fit_turns(args.folder, progress=progress)
     folder = result.save(args.out)
     output(args).print(result.page)
-    output(args).print(f"model: {folder / MODEL}", soft_wrap=True)
+    output(args).print(f"model: {folder / MODEL}")
     used = int(result.estimate.used.sum())
     return Done(0, result.to_json(), f"a gyroscope alone, {used} of {len(result.angles)} turns: {MODEL}")
 

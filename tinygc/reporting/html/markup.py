@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from html import escape as _escape
 from math import isfinite
 from typing import TYPE_CHECKING, Any
 
-from session.base.texts import degrees, fixed, printable, probability, significant
+from session.base.texts import degrees, fixed, print_minus, printable, probability, significant
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -47,10 +47,14 @@ def _environment(package: str) -> Environment:
     )
     environment.globals |= {"wide": WIDE, "narrow": NARROW}
     environment.tests["finite"] = isfinite
-    environment.filters |= {number.__name__: number for number in (fixed, significant, degrees, probability)}
+    environment.filters |= {number.__name__: partial(_printed, number) for number in (fixed, significant, degrees, probability)}
     environment.filters["css"] = css_text
     environment.filters["sentence"] = lambda words: f"{words[:1].upper()}{words[1:]}."
     return environment
+
+
+def _printed(number: Callable[..., str], *values: Any) -> str:
+    return print_minus(number(*values))
 
 
 def render(template: str, package: str = HERE, **values: object) -> str:

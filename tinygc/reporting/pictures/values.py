@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from session.base import rotation
-from session.base.texts import with_sigma
+from session.base.texts import measured
 from session.base.units import DEG
 from tinygc.closure.residual import closure_angles
 from tinygc.effects import Effect, Movement, PictureData
@@ -52,7 +52,7 @@ def value_text(claim: Claim, entry: int) -> str:
         return ""
     unit = claim.effect.parameter.unit
     times, words = READS.get(unit, (1.0, unit))
-    return f"{with_sigma(times * value, times * sigma)} {words}".strip()
+    return f"{measured(times * value, times * sigma)} {words}".strip()
 
 
 # Residuals of the twin's channels, and the contribution of an effect to them.

@@ -19,7 +19,7 @@ from tinygc.features.tables.rates.laws import EXTRAS, LAWS
 from tinygc.features.tables.rates.points import Points, points_of, read_points, read_table, settings_of
 from tinygc.features.tables.rates.recording import read_recording
 from tinygc.features.tables.rates.sweep import Response, Sweep, fit_response, is_response, read_response, transfer
-from tinygc.features.tables.rates.terms import TermRow, left_open, size, terms
+from tinygc.features.tables.rates.terms import TermRow, left_open, terms
 from tinygc.library.arguments import is_path, public
 from tinygc.library.records import Kept
 from tinygc.reporting import facts
@@ -36,7 +36,8 @@ def headline(choice: Choice) -> str:
     """Which sensor, and what its points follow."""
     found, points = choice.fit, choice.points
     curves = f" on {len(points.curves)} curves" if len(points.curves) > 1 else ""
-    return f"{printable(points.sensor)}: {len(points)} points{curves}: {law_words(choice)}; it leaves {size(found.rms)} {points.unit} rms"
+    rms = f"{significant(found.rms)} {points.unit} rms"
+    return f"{printable(points.sensor)}: {len(points)} points{curves}: {law_words(choice)}; it leaves {rms}"
 
 
 def law_words(choice: Choice) -> str:
@@ -53,18 +54,20 @@ def lines(choice: Choice) -> list[str]:
     if choice.is_line:
         said.append(f"no departure from a straight line beyond chance ({probability(choice.p_value)})")
     else:
-        said.append(f"a straight line leaves {size(choice.line.rms)} {points.unit} rms; it is refuted ({probability(choice.p_value)})")
+        said.append(
+            f"a straight line leaves {significant(choice.line.rms)} {points.unit} rms; it is refuted ({probability(choice.p_value)})"
+        )
     if found.hypothesis.apart >= 0:
         at, more, again, beyond = float(points.rate_dps[found.hypothesis.apart]), "", "beside it", left_open(found)
         if beyond is not None:
             size_of = points.output * np.sign(choice.line.coefficients[0] * at)
             is_larger = size_of[points.rate_dps * np.sign(at) > abs(at)] > size_of[found.hypothesis.apart]
             limit = "" if is_larger.any() else "the output has a limit there or "
-            more, again = f", or {limit or 'there is '}a kink from {size(beyond[1])} °/s on, which no reading determines", "beyond"
-        said.append(f"the reading at {size(at)} °/s is off{more}; measure it again, and {again}")
+            more, again = f", or {limit or 'there is '}a kink from {significant(beyond[1])} °/s on, which no reading determines", "beyond"
+        said.append(f"the reading at {significant(at)} °/s is off{more}; measure it again, and {again}")
     lack = found.lack_of_fit
     if lack is not None and lack.p_value < REFUTED:
-        repeats = f"{size(lack.noise)} {points.unit}" if not points.is_known else f"{size(lack.noise)} of the stated sigmas"
+        repeats = f"{significant(lack.noise)} {points.unit}" if not points.is_known else f"{significant(lack.noise)} of the stated sigmas"
         wider = f"; the sigmas are {lack.variance_inflation**0.5:.2f} times wider for it" if lack.variance_inflation > 1 else ""
         said.append(
             f"repeats scatter by {repeats}, and the law leaves more ({probability(lack.p_value)}): it is not the whole of it{wider}"
@@ -72,7 +75,7 @@ def lines(choice: Choice) -> list[str]:
     laws = f"of {len(LAWS)} laws and a curve of none"
     if choice.rivals:
         others = ", ".join(
-            f"{rival.hypothesis.name} ({100 * share:.0f} %, {size(rival.rms)} {points.unit})" for rival, share in choice.rivals
+            f"{rival.hypothesis.name} ({100 * share:.0f} %, {significant(rival.rms)} {points.unit})" for rival, share in choice.rivals
         )
         said.append(f"{laws} this one has {100 * choice.probability:.0f} %; not excluded: {others}")
     elif not choice.is_line:
@@ -85,10 +88,10 @@ def lines(choice: Choice) -> list[str]:
 def cells(row: TermRow) -> tuple[str, str]:
     """Value and sigma, ``less than x``, or a dash."""
     if row.value is None:
-        return (NONE, "") if row.at_most is None else (f"less than {size(row.at_most, 2)}", "")
+        return (NONE, "") if row.at_most is None else (f"less than {significant(row.at_most, 2)}", "")
     if row.sigma is None or not row.sigma > 0:
-        return size(row.value), ""
-    value, _, sigma = number(row.value, row.sigma).partition(" ± ")
+        return significant(row.value), ""
+    value, _, sigma = measured(row.value, row.sigma).partition(" ± ")
     return value, sigma
 
 
@@ -96,16 +99,8 @@ def _number(each: Number) -> str:
     """``K 0.01986 ± 0.00012 V/(°/s)``, or between which values it is not determined."""
     unit = "" if each.unit == "1" else f" {each.unit}"
     if each.between is not None:
-        return f"{each.name} not determined; {size(each.between[0])} to {size(each.between[1])}{unit} fit as well"
-    return f"{each.name} not determined" if each.value is None else f"{each.name} {number(each.value, each.sigma or 0.0)}{unit}"
-
-
-def number(value: float, sigma: float) -> str:
-    """``−0.019864 ± 0.000013``, or with a power of ten where it is small; to the sigma's first digits."""
-    if value and 0 < abs(value) < 1e-4 and sigma > 0:
-        exponent = f"{value:e}".partition("e")[2]
-        return f"({measured(value / 10.0 ** int(exponent), sigma / 10.0 ** int(exponent))}) × 10^{int(exponent)}".replace("^-", "^−")
-    return measured(value, sigma)
+        return f"{each.name} not determined; {significant(each.between[0])} to {significant(each.between[1])}{unit} fit as well"
+    return f"{each.name} not determined" if each.value is None else f"{each.name} {measured(each.value, each.sigma or 0.0)}{unit}"
 
 
 def held_out_rows(choice: Choice) -> list[tuple[str, list[str]]]:
@@ -120,7 +115,7 @@ def held_out_cell(one: HeldOut | None) -> str:
     """``0.0415 (1.79)``: rms over the rates within those that were fitted, and over all where some lie beyond."""
     if one is None:
         return NONE
-    return f"{size(one.within_rms)} ({size(one.rms)})" if one.beyond else size(one.rms)
+    return f"{significant(one.within_rms)} ({significant(one.rms)})" if one.beyond else significant(one.rms)
 
 
 def curve_words(curve: str) -> str:
@@ -151,7 +146,7 @@ def _sensor(choice: Choice) -> list[Part]:
 
 
 def _sweep(sweep: Sweep) -> list[Part]:
-    rows = [[size(f), (gain, gain_sigma), (phase, phase_sigma)] for f, gain, gain_sigma, phase, phase_sigma in sweep.rows_deg]
+    rows = [[significant(f), (gain, gain_sigma), (phase, phase_sigma)] for f, gain, gain_sigma, phase, phase_sigma in sweep.rows_deg]
     return [one_line(sweep.headline, "bold"), Table("", ("frequency, Hz", "gain", "phase, °"), rows), *sweep.lines]
 
 

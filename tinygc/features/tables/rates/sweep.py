@@ -16,10 +16,9 @@ import numpy as np
 
 from session.base.errors import DataError, FormatError
 from session.base.numeric import rms_of
-from session.base.texts import measured, printable
+from session.base.texts import measured, printable, significant
 from session.base.units import DEG
 from tinygc.features.tables.rates.points import numbers_in, read_table
-from tinygc.features.tables.rates.terms import size
 from tinygc.inference.choose import of_any_scale, weights_of
 from tinygc.inference.solve import solve
 
@@ -95,7 +94,7 @@ class Sweep:
         """Gain, bandwidth and delay in words."""
         delay, sigma = (1e3 * value for value in self.delay_s)
         if self.bandwidth_hz is None:
-            band = f"above {size(self.bandwidth_at_least_hz or 0.0)} Hz"
+            band = f"above {significant(self.bandwidth_at_least_hz or 0.0)} Hz"
         else:
             band = f"{measured(self.bandwidth_hz, self.bandwidth_sigma_hz or 0.0)} Hz"
         known = self.response.latency_s is not None

@@ -31,11 +31,6 @@ GRID = 2001
 STEP = 0.1
 
 
-def size(value: float, digits: int = 3) -> str:
-    """A size with a few digits."""
-    return significant(value, digits) if abs(value) >= 1e-6 or not value else f"{value:.{digits - 1}e}"
-
-
 @dataclass(frozen=True)
 class TermRow:
     """One row of the report: key and name; value and sigma in ``unit``, None where it does not show; at_most: its upper limit (95 %), None
@@ -63,14 +58,15 @@ class Range:
     @property
     def words(self) -> str:
         """``−120 to 120 °/s``."""
-        return f"{size(self.low)} to {size(self.high)} °/s"
+        return f"{significant(self.low)} to {significant(self.high)} °/s"
 
 
 def terms(choice: Choice) -> list[TermRow]:
     """The rows of one sensor."""
     found, points = choice.fit, choice.points
     within = _linear_range(choice.curve or found)
-    tested = f"{len(np.unique(points.distinct))} rates from {size(points.rate_dps.min(), 4)} to {size(points.rate_dps.max(), 4)} °/s"
+    low, high = (significant(rate, 4) for rate in (points.rate_dps.min(), points.rate_dps.max()))
+    tested = f"{len(np.unique(points.distinct))} rates from {low} to {high} °/s"
     unit = points.unit
     outside = "outside the dead band, " if found.hypothesis.law == "dead_band" else ""
     scale, scale_sigma = averaged(choice, lambda law: best_line(law, within)[0])
@@ -248,14 +244,14 @@ def _range_rows(choice: Choice, within: Range) -> list[TermRow]:
         row = TermRow(f"linear_{key}", what, "°/s", why, end, sigma)
         if beyond is not None and (beyond[0] > 0) == (n == 1) and end == beyond[1]:
             at, last, first = beyond
-            open_to = f"beyond {size(last)} °/s" if first is None else f"{size(last)} to {size(first)} °/s"
-            why = f"not determined, {open_to}: the reading at {size(at)} °/s is off"
+            open_to = f"beyond {significant(last)} °/s" if first is None else f"{significant(last)} to {significant(first)} °/s"
+            why = f"not determined, {open_to}: the reading at {significant(at)} °/s is off"
             row = TermRow(f"linear_{key}", f"linear range, {name} end", "°/s", why)
         elif within.between[n]:
-            row = TermRow(f"linear_{key}", what, "°/s", f"{why} before {size(end)} °/s, the smallest rate: not determined")
+            row = TermRow(f"linear_{key}", what, "°/s", f"{why} before {significant(end)} °/s, the smallest rate: not determined")
         elif sigma is not None and not np.isfinite(sigma):
             low, high = sorted((min(ends := [_end(each, 1.5 * end)[0] for each in found.profile]), max(ends)))
-            row = TermRow(f"linear_{key}", what, "°/s", f"{why} between {size(low)} and {size(high)} °/s: not determined")
+            row = TermRow(f"linear_{key}", what, "°/s", f"{why} between {significant(low)} and {significant(high)} °/s: not determined")
         rows.append(row)
     return rows
 
@@ -310,7 +306,7 @@ def _shown(key: str, name: str, value: tuple[float, float] | None, factor: float
 def _nonlinearity(choice: Choice, within: Range, inside: Points) -> TermRow:
     """Largest departure from the best line within the linear range, ppm of its larger end."""
     full = abs(best_line(choice.curve or choice.fit, within)[0]) * max(abs(within.low), abs(within.high))
-    condition = f"of {size(full)} {choice.points.unit}, within {within.words}"
+    condition = f"of {significant(full)} {choice.points.unit}, within {within.words}"
     if any(within.between):
         return TermRow("nonlinearity", "nonlinearity", "ppm", "not determined: the linear range is not")
     if _bends(choice.fit):
@@ -329,7 +325,7 @@ def _over_all(choice: Choice, within: Range) -> list[TermRow]:
     if not _bends(choice.fit) or left_open(choice.fit) or (tested.low, tested.high) == (within.low, within.high):
         return []
     full = abs(best_line(choice.curve or choice.fit, tested)[0]) * float(np.abs(rates).max())
-    name, condition = "… over all rates tested", f"of {size(full)} {choice.points.unit}, {tested.words}"
+    name, condition = "… over all rates tested", f"of {significant(full)} {choice.points.unit}, {tested.words}"
     return [_row("nonlinearity_tested", name, averaged(choice, lambda law: 1e6 * best_line(law, tested)[1] / full), "ppm", condition)]
 
 
@@ -344,7 +340,7 @@ def _asymmetry(choice: Choice, within: Range, inside: Points, tested: str) -> Te
         return TermRow(key, name, "ppm", f"not measured: one sense only, {tested}")
     scale = best_line(choice.curve or choice.fit, within)[0]
     shows = "a" in choice.fit.names or _bends(choice.fit)
-    condition = f"both senses, within ±{size(min(-within.low, within.high))} °/s"
+    condition = f"both senses, within ±{significant(min(-within.low, within.high))} °/s"
     if choice.fit.hypothesis.law == "pieces":  # which differ by nothing else, and whose kink the readings inside may not show
         value, sigma = averaged(choice, lambda law: _uneven(law, within))
         probed = (value, sigma) if np.isfinite(sigma) else None
@@ -375,7 +371,7 @@ def _dead_band(choice: Choice, inside: Points, scale: float, tested: str) -> Ter
         return _row("dead_band", "dead band, ±", averaged(replace(choice, rivals=()), lambda law: law.vector[number]), "°/s", tested)
     smallest = float(np.abs(points.rate_dps[points.rate_dps != 0]).min())
     probed = _probe(choice, inside, "sense")
-    return _shown("dead_band", "dead band, ±", probed, 1 / scale, "°/s", f"smallest rate {size(smallest)} °/s", False)
+    return _shown("dead_band", "dead band, ±", probed, 1 / scale, "°/s", f"smallest rate {significant(smallest)} °/s", False)
 
 
 def _saturation(found: Fit) -> list[TermRow]:
@@ -395,7 +391,7 @@ def _saturation(found: Fit) -> list[TermRow]:
             places = [at for at in places if beyond is None or at * beyond[0] < 0 or abs(at) <= abs(beyond[1])]
             of_limit = [at for at in places if abs(float(found.at(np.array([at]))[0]) - value) < 1e-3 * found.points.span]
             alone = ", by one reading whose std is far below all others" if found.is_limited.sum() == 1 else ""
-            remark = f"the output's limit{alone}" + "".join(f", reached at {size(at)} °/s" for at in of_limit)
+            remark = f"the output's limit{alone}" + "".join(f", reached at {significant(at)} °/s" for at in of_limit)
             rows.append(TermRow(key, f"{name} (saturation)", found.points.unit, remark, value, sigma))
         else:
             rows.append(TermRow(key, f"{name} seen", found.points.unit, "no limit is seen", extreme))

@@ -33,6 +33,6 @@ def run(args: Options) -> int:
     output(args).print(found.page)
     if args.out is not None:
         found.save(args.out)
-        output(args).print(f"written: {args.out / FILE}, {args.out / PAGE}", soft_wrap=True, markup=False)
+        output(args).print(f"written: {args.out / FILE}, {args.out / PAGE}")
     write_json(args.json, found.to_json())
     return 0 if found.drawn is None else KINDS[found.drawn.answer].exit_code

@@ -292,10 +292,10 @@ def cells_of(budget: Budget) -> list[list[str]]:
     decimals = decimals_of(budget.variance / si2 / 10.0**exponent, DIGITS)
     power, shown = f"e{exponent}" if exponent else "", apportioned([square / 10.0**exponent for square in squares], decimals)
     shares = apportioned([100 * square * si2 / budget.variance for square in squares], 1)
-    cells = [[row.source, row.kind, freedom_words(row.freedom), *_size_cells(budget, row), number(row.u / budget.si)] for row in large]
+    cells = [[row.source, row.kind, freedom_words(row.freedom), *_size_cells(budget, row), significant(row.u / budget.si)] for row in large]
     if small:
-        cells.append([f"{len(small)} further, each below {100 * LEAST_SHARE:g} %", *[""] * 5, number(np.sqrt(max(squares[-1], 0.0)))])
-    cells.append(["sum", "", freedom_words(np.floor(budget.freedom)), "", "", "", number(budget.u / budget.si)])
+        cells.append([f"{len(small)} further, each below {100 * LEAST_SHARE:g} %", *[""] * 5, significant(np.sqrt(max(squares[-1], 0.0)))])
+    cells.append(["sum", "", freedom_words(np.floor(budget.freedom)), "", "", "", significant(budget.u / budget.si)])
     shown.append(round(sum(shown), decimals))
     shares.append(round(sum(shares), 1))
     return [[*row, f"{square:.{decimals}f}{power}", f"{share:.1f}"] for row, square, share in zip(cells, shown, shares, strict=True)]
@@ -304,12 +304,7 @@ def cells_of(budget: Budget) -> list[list[str]]:
 def _size_cells(budget: Budget, row: Row) -> list[str]:
     if not row.size:
         return [NONE, "", NONE]
-    return [number(row.size), row.size_unit, number(abs(row.u) / budget.si / row.size)]
-
-
-def number(value: float) -> str:
-    """Three significant digits."""
-    return significant(value).replace("−", "-") if value == 0 or 1e-4 <= abs(value) < 1e5 else f"{value:.3g}"
+    return [significant(row.size), row.size_unit, significant(abs(row.u) / budget.si / row.size)]
 
 
 def freedom_words(freedom: float) -> str:
@@ -323,13 +318,13 @@ def sum_words(budget: Budget) -> str:
     unit = f" {budget.shown_unit}".rstrip()
     of = "" if budget.freedom >= MANY else f" with {freedom_words(np.floor(budget.freedom))} effective degrees of freedom"
     share = "95 %" if budget.name != TOTAL else "at least 95 %, and more where no axis dominates"
-    return f"u = {number(u)}{unit}; U = {number(expanded)}{unit}: k = {budget.k:.2f}, {share}{of}"
+    return f"u = {significant(u)}{unit}; U = {significant(expanded)}{unit}: k = {budget.k:.2f}, {share}{of}"
 
 
 def beside_words(budget: Budget) -> list[str]:
     """What is not in the sum, a line for each."""
     unit = f" {budget.shown_unit}".rstrip()
-    sizes = ["" if each.u is None else f"{number(each.u / budget.si)}{unit}; " for each in budget.beside]
+    sizes = ["" if each.u is None else f"{significant(each.u / budget.si)}{unit}; " for each in budget.beside]
     return [f"not in the sum: {printable(each.what)}: {size}{printable(each.why)}" for each, size in zip(budget.beside, sizes, strict=True)]
 
 
@@ -338,8 +333,8 @@ def drawn_page(drawn: MonteCarlo) -> list[Part]:
     header = ("", "unit", "u", "drawn", "95 % by u", "drawn from", "to", "stable digits", "apart", "allowed", "", "cover, %")
     rows = []
     for each in drawn.quantities:
-        sizes = [number(value / each.si) for value in (each.u, each.drawn_u, each.half, each.low, each.high)]
-        ends = [str(each.digits), number(each.apart / each.si), number(each.tolerance / each.si), each.answer]
+        sizes = [significant(value / each.si) for value in (each.u, each.drawn_u, each.half, each.low, each.high)]
+        ends = [str(each.digits), significant(each.apart / each.si), significant(each.tolerance / each.si), each.answer]
         rows.append([each.name, "" if each.unit == "1" else each.unit, *sizes, *ends, f"{100 * drawn.coverage[each.name]:.1f}"])
     return [Table(f"Monte Carlo (JCGM 101): {drawn.words}", header, rows, left=(0, 1, 10)), source_words(drawn)]
 

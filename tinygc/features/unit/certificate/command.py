@@ -47,7 +47,7 @@ def beside_report(args: Any) -> Callable[[Report], dict] | None:
             complain(made.line)
         if own.dcc is not None:
             files.append(made.save_dcc(own.dcc))
-        output(args).print(f"written: {', '.join(map(str, files))}", soft_wrap=True)
+        output(args).print(f"written: {', '.join(map(str, files))}")
         return {"certificate": made.to_json()}
 
     return write

@@ -42,9 +42,9 @@ def run(args: Options) -> int:
     verdict(args, found.verdict_line)
     if args.out is not None:
         written = found.save(args.out, pictures=args.pictures)
-        output(args).print(f"written: {', '.join(map(str, written))}", soft_wrap=True, markup=False)
+        output(args).print(f"written: {', '.join(map(str, written))}")
     elif args.json is None:
-        output(args).print("nothing is written; --out DIR keeps history.json, history.html and history.svg", soft_wrap=True)
+        output(args).print("nothing is written; --out DIR keeps history.json, history.html and history.svg")
     write_json(args.json, found.to_json())
     return found.exit_code
 

@@ -34,6 +34,6 @@ def run(args: Options) -> int:
     verdict(args, found.verdict_line)
     if args.write is not None:
         found.save_model(args.write)
-        output(args).print(f"written: {args.write}", soft_wrap=True, markup=False)
+        output(args).print(f"written: {args.write}")
     write_json(args.json, found.to_json())
     return found.exit_code

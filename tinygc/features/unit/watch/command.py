@@ -52,7 +52,7 @@ def run(args: Options) -> int:
     with interruption:
         for event in events_of(args.model, source, part(args, SourceOptions), part(args, WatchOptions), ended):
             if event.kind in shown:
-                output(args).print(f"{event.t_s:10.1f} s  {event.words}", soft_wrap=True, markup=False)
+                output(args).print(f"{event.t_s:10.1f} s  {event.words}")
             if lines is not None:
                 lines.write(event.to_json())
             if event.kind == "alarm":

@@ -1,0 +1,129 @@
+"""Screens of every command, as a reader meets them: in a pseudo-terminal of 80 columns and 24 lines.
+
+A row of SCREENS is a command, and what its first line, the answer, must match; whatever the command, no line is longer than 80 columns, or
+has an ellipsis, an exponent or a word of DIALECT, and the screen has no more lines than stated.  To add a command, add a row; it runs in a
+folder that holds ``good`` (data/session1) and what its ``before`` commands make there.  One that takes more than some seconds is ``slow``.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import select
+import shutil
+import struct
+import subprocess
+import sys
+from dataclasses import dataclass
+
+import processes
+import pytest
+from conftest import ROOT
+
+WIDTH, HEIGHT = 80, 24
+#: words that no screen has, since a reader of the field has others
+DIALECT = re.compile(
+    r"\b(?:says?|said|saying|tells?|told|telling|besides?|asked|mend(?:s|ed|ing)?|anew|nobody|err(?:s|ed)?|ow(?:e|es|ed)|borne|"
+    r"judge[ds]?|lacks|lasts|undo|undoes)\b",
+    re.IGNORECASE,
+)
+#: an exponent, as programs and as books write it
+EXPONENT = re.compile(r"\d[eE][-+−]?\d|10\s*\^|10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]")
+#: what a terminal is sent: a sequence of control characters, or text
+TOKEN = re.compile(r"\x1b\[[?0-9;]*[A-Za-z]|\r|\n|[^\x1b\r\n]+")
+
+
+@dataclass(frozen=True)
+class Screen:
+    """words: of the command; first: pattern of its first line; lines: at most; code: its exit code; before: commands run before it; slow:
+    left to ``.ci/run``."""
+
+    words: str
+    first: str
+    lines: int = HEIGHT
+    code: int = 0
+    before: tuple[str, ...] = ()
+    slow: bool = False
+
+
+SCREENS = (Screen("check good", r"READY"),)
+
+
+def shown(sent: str) -> list[str]:
+    """The lines that stay: carriage returns, moves upwards and erased lines carried out."""
+    lines, row, column = [""], 0, 0
+    for token in TOKEN.findall(sent):
+        if token == "\n":
+            row += 1
+            lines += [""] * (row + 1 - len(lines))
+        elif token == "\r":
+            column = 0
+        elif token.startswith("\x1b"):
+            if token[-1] == "A":
+                row = max(0, row - int(token[2:-1] or 1))
+            elif token[-1] == "K":
+                lines[row] = "" if token[2:-1] == "2" else lines[row][:column]
+        else:
+            lines[row] = lines[row][:column].ljust(column) + token + lines[row][column + len(token) :]
+            column += len(token)
+    lines = [line.rstrip() for line in lines]
+    while lines and not lines[-1]:
+        lines.pop()
+    return lines
+
+
+def screen_of(words: list[str], folder: str) -> tuple[int, list[str]]:
+    """Exit code and screen of a command that runs in a folder."""
+    import fcntl
+    import pty
+    import termios
+
+    ours, theirs = pty.openpty()
+    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", HEIGHT, WIDTH, 0, 0))
+    environment = processes.environment(TERM="xterm-256color")
+    for name in ("COLUMNS", "LINES"):
+        environment.pop(name, None)
+    command = [sys.executable, "calibrate.py", *words]
+    with subprocess.Popen(command, stdin=theirs, stdout=theirs, stderr=theirs, env=environment, cwd=folder) as process:
+        os.close(theirs)
+        sent = b""
+        while select.select([ours], [], [], 300)[0]:
+            try:
+                part = os.read(ours, 1 << 16)
+            except OSError:  # as Linux ends it
+                break
+            if not part:
+                break
+            sent += part
+    os.close(ours)
+    return process.returncode, shown(sent.decode())
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """The folder that the commands run in."""
+    folder = tmp_path_factory.mktemp("screens")
+    (folder / "calibrate.py").symlink_to(ROOT / "calibrate.py")
+    shutil.copytree(ROOT / "data" / "session1", folder / "good", copy_function=shutil.copyfile)
+    return folder
+
+
+@pytest.mark.parametrize("screen", [pytest.param(each, id=each.words, marks=[pytest.mark.broad] * each.slow) for each in SCREENS])
+def test_a_screen_begins_with_its_answer_and_is_read_at_80_columns(folder, screen):
+    for words in screen.before:
+        screen_of(words.split(), folder)
+    code, lines = screen_of(screen.words.split(), folder)
+    text = "\n".join(lines)
+    assert code == screen.code, text
+    assert re.match(screen.first, lines[0]), text
+    faults = [line for line in lines if len(line) > WIDTH or "…" in line or "..." in line or EXPONENT.search(line) or DIALECT.search(line)]
+    assert not faults, text
+    assert len(lines) <= screen.lines, text
+
+
+def test_the_rules_find_what_they_forbid():
+    assert all(EXPONENT.search(text) for text in ("1e-05", "3 × 10⁻⁷", "2.1E+06", "x 10^3"))
+    assert not any(EXPONENT.search(text) for text in ("model1e.json", "10 000", "110"))
+    assert DIALECT.search("it says so")
+    assert not DIALECT.search("a verdict of essays")
+    assert shown("step 1\r\x1b[2Kstep 2\r\n\x1b[1A\x1b[2KPASS\r\n") == ["PASS"]

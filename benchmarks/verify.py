@@ -185,7 +185,7 @@ def run(job: Job) -> Outcome:
     diagnosis = found.diagnosis
     causes = () if diagnosis is None else diagnosis.best.names
     instead = diagnosis.rivals.get(causes[0], ()) if causes and diagnosis is not None else ()
-    p = tuple(q.p_value if q.asked else 1.0 for q in found.questions)
+    p = tuple(q.p_value if q.tested else 1.0 for q in found.questions)
     return Outcome(job, found.alarm, found.answer, causes, instead, off, truth, off_anew, truth_anew, p)
 
 
@@ -196,8 +196,8 @@ def cost_in_truth(found: Verified, unit: SimulatedUnit, drift: Callable[[np.ndar
     first = 0.0 if found.rows.twin is None else found.rows.twin.segments[0].start_s
     mean = drift(first + np.linspace(0, motion.duration_s, 200)).mean(axis=0)
     true = LinearModel(unit.E, unit.B - mean)
-    errors = [motion.largest_error(each, true)[1] for each in (old, old.with_bias_moved(found.bias_anew))]
-    stated = found.cost.as_it_is, found.cost.bias_anew
+    errors = [motion.largest_error(each, true)[1] for each in (old, old.with_bias_moved(found.bias_change))]
+    stated = found.cost.as_it_is, found.cost.with_new_bias
     sizes = [float(np.linalg.norm(error)) for error in errors]
     off = [float(np.linalg.norm(said - error)) for said, error in zip(stated, errors, strict=True)]
     return sizes[0], off[0], sizes[1], off[1]
@@ -320,7 +320,7 @@ def run_pair(pair: Pair) -> tuple[str, str, dict[str, tuple[float, ...]], tuple[
         ("own history", spread_of(session.config, old.table, between=spread_over(pair.history, session, old.accelerometer))),
     ):
         asked = ask(rows, expected_parts(old, rows, spread), noise, old)
-        found[name] = tuple(question.p_value if question.asked else 1.0 for question in asked)
+        found[name] = tuple(question.p_value if question.tested else 1.0 for question in asked)
     own = fitted_state(pair.today)
     twin = rows.twin
     assert twin is not None

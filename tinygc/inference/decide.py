@@ -37,7 +37,7 @@ class Kind(NamedTuple):
 
 
 #: whether a calibration, or a requirement of it, is met
-HOLDS, BIAS, FAILS, UNDECIDED = "holds", "holds for E, take B anew", "does not hold", "undecided"
+HOLDS, BIAS, FAILS, UNDECIDED = "holds", "holds with a new bias", "does not hold", "undecided"
 #: every answer that a result of this program has
 KINDS = {
     "pass": Kind("PASS", "bold green"),
@@ -45,10 +45,10 @@ KINDS = {
     "no limit": Kind("no limit", "bold cyan"),
     "not decided": Kind("NOT DECIDED", "bold yellow"),
     "fail": Kind("FAIL", "bold red", 1),
-    HOLDS: Kind(HOLDS, "bold green"),
-    BIAS: Kind(BIAS, "bold yellow", 1),
-    FAILS: Kind(FAILS, "bold red", 1),
-    UNDECIDED: Kind(UNDECIDED, "bold", 5),
+    HOLDS: Kind("HOLDS", "bold green"),
+    BIAS: Kind("HOLDS WITH A NEW BIAS", "bold yellow", 1),
+    FAILS: Kind("DOES NOT HOLD", "bold red", 1),
+    UNDECIDED: Kind("UNDECIDED", "bold", 5),
     "agrees": Kind("agrees"),
     "differs": Kind("differs", exit_code=1),
     "common": Kind("common", "bold"),

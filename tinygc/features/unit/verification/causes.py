@@ -4,9 +4,9 @@
     p(r | cause) = mean over s of N(r; 0, S + s^2 X D^2 X')
 
 theta is what the sensor does: an axis that reads too much has a scale above zero.  S holds what is expected without a fault, and
-today's noise, whose components are estimated anew beside each cause: variance that a cause takes over from the noise counts for it.  A
+today's noise, whose components are estimated again with each cause: variance that a cause takes over from the noise counts for it.  A
 cause has the prior odds of an effect in ``explain``, and so has each further one; up to ``MOST`` are combined.  One that is sought at many
-times pays for them.  Causes within ``AS_PROBABLE`` of the best set, in its place, are not told apart by this recording.
+times pays for them.  This recording does not separate the best set from sets within ``AS_PROBABLE`` of it.
 """
 
 from __future__ import annotations
@@ -14,20 +14,20 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.special import logsumexp
 
 from session.base import rotation
 from session.base.numeric import sigmas_in
-from session.base.texts import command_line
+from session.base.texts import command_line, measured
 from session.base.units import DEG, MG
 from session.detect.accelerometer import BIASES
 from session.detect.accelerometer import SCALES as SCALES_OF_ACCELEROMETER
 from tinygc.closure.motion import MINUTE_S
 from tinygc.estimation.spread import ACCELEROMETER, COUNT, GYROSCOPE, ZERO
-from tinygc.features.unit.verification.questions import Part
+from tinygc.features.unit.verification.questions import ExpectedPart
 from tinygc.features.unit.verification.rows import Rows
 from tinygc.fitting.unit_state import UnitState
 from tinygc.inference.choose import AS_PROBABLE, PRIOR_ODDS, climb, log_evidence, rivals_of, scales_of, weights_of
@@ -50,13 +50,13 @@ WITH_USUAL: dict[str, tuple[Any, int]] = {"zero": (ZERO, -1), "accelerometer's z
 
 @dataclass(frozen=True, eq=False)
 class Cause:
-    """A cause: name; words of a change theta (k,) with sigma; columns (n, k) of the rows for one plausible size of each number; into (21,
-    k) that of the parameters, in the first minute of today's motion where it changes with time; unit and si of the numbers; sizes (k,), SI;
-    at: time of a step or time constant, s; numbers: what theta's numbers are called; advice: what to do; price: ln of how many times were
-    tried for it; of_correction: whether theta is how much less the correction is, so that the sensor reads 1 / (1 - theta) as much."""
+    """A cause: name; claim: what has changed; columns (n, k) of the rows for one plausible size of each number; into (21, k) that of the
+    parameters, in the first minute of today's motion where it changes with time; unit and si of the numbers; sizes (k,), SI; at: time of a
+    step or time constant, s; numbers: what theta's numbers are called; advice: what to do; price: ln of how many times were tried for it;
+    of_correction: whether theta is how much less the correction is, so that the sensor reads 1 / (1 - theta) as much."""
 
     name: str
-    says: str
+    claim: str
     columns: np.ndarray
     into: np.ndarray
     sizes: np.ndarray
@@ -68,16 +68,26 @@ class Cause:
     price: float = 0.0
     of_correction: bool = False
 
-    def words(self, theta: np.ndarray, sigma: np.ndarray) -> str:
+    def stated(self, theta: np.ndarray, sigma: np.ndarray) -> StatedCause:
         """The cause with its numbers."""
         if self.of_correction:
             theta, sigma = 1 / (1 - theta) - 1, sigma / (1 - theta) ** 2
-        values, sigmas = theta / self.si, sigma / self.si
-        each = self.unit if isinstance(self.unit, tuple) else ("",) * (len(theta) - 1) + (self.unit,)
-        rows = zip(self.numbers, values, sigmas, each, strict=True)
-        shown = ", ".join(f"{name} {value:+.3g} ± {s:.2g} {unit}".strip() for name, value, s, unit in rows)
-        when = "" if self.at is None else f" at {self.at:.0f} s" if self.name == "step" else f", time constant {self.at:.0f} s"
-        return f"{self.says}{when}: {shown}"
+        units, si = self.unit, self.si
+        if units == "ppm" and np.max(np.abs(theta)) >= 1e-3:
+            units, si = "%", 0.01
+        each = units if isinstance(units, tuple) else (units,) * len(theta)
+        rows = zip(self.numbers, theta / si, sigma / si, each, strict=True)
+        numbers = [f"{name} {'+' if value > 0 else ''}{measured(value, s)} {unit}".strip() for name, value, s, unit in rows]
+        when = "" if self.at is None else f" at {self.at:.0f} s" if self.name == "step" else f" in {self.at:.0f} s"
+        return StatedCause(f"{self.claim}{when}", numbers[int(np.argmax(np.abs(theta) / sigma))], tuple(numbers))
+
+
+class StatedCause(NamedTuple):
+    """What has changed; the most significant of its numbers; all of them, with their units."""
+
+    claim: str
+    largest: str
+    numbers: tuple[str, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,26 +124,25 @@ class Explanation:
         return self.theta[edges[self.names.index(name)] : edges[self.names.index(name) + 1]] if name in self.names else np.zeros(0)
 
     @property
-    def words(self) -> list[str]:
-        """A sentence for each cause."""
-        said, at = [], 0
+    def stated(self) -> list[StatedCause]:
+        """Each cause with its numbers."""
+        found, at = [], 0
         sigma = sigmas_in(self.theta_covariance)
         for cause in self.causes:
             own = slice(at, at + len(cause.sizes))
-            if cause.name in WITH_USUAL and len(self.causes) == 1:  # its usual part is not told apart from it
+            if cause.name in WITH_USUAL and len(self.causes) == 1:  # not separable from its usual part
                 which, sign = WITH_USUAL[cause.name]
-                said.append(cause.words(sign * self.change[which], np.sqrt(np.diag(self.covariance)[which])))
+                found.append(cause.stated(sign * self.change[which], np.sqrt(np.diag(self.covariance)[which])))
             else:
-                said.append(cause.words(self.theta[own], sigma[own]))
+                found.append(cause.stated(self.theta[own], sigma[own]))
             at = own.stop
-        return said
+        return found
 
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """best: the most probable explanation; probability: of best among all that were compared; rivals: in
-    place of each cause of best, those that this recording does not tell apart from it; alone: log evidence of each single cause beside
-    none."""
+    """best: the most probable explanation; probability: of best among all that were compared; rivals: in place of each cause of best,
+    those that this recording does not separate from it; alone: log evidence of each single cause against none."""
 
     best: Explanation
     probability: float
@@ -148,7 +157,7 @@ def candidate_causes(rows: Rows, old: UnitState) -> list[Cause]:
 
     def add(
         name: str,
-        says: str,
+        claim: str,
         into: np.ndarray,
         size: float | np.ndarray,
         unit: Any,
@@ -162,7 +171,7 @@ def candidate_causes(rows: Rows, old: UnitState) -> list[Cause]:
         sizes = np.broadcast_to(size, into.shape[1]) * 1.0
         columns = (rows.parameters @ into if columns is None else columns) * sizes
         correction = name in ("common scale", "scale")
-        found.append(Cause(name, says, columns, into * sizes, sizes, unit, si, tuple(numbers), advice, at, of_correction=correction))
+        found.append(Cause(name, claim, columns, into * sizes, sizes, unit, si, tuple(numbers), advice, at, of_correction=correction))
 
     def of_matrix(change: Callable[[np.ndarray], np.ndarray], count: int) -> np.ndarray:
         into = np.zeros((COUNT, count))
@@ -171,56 +180,56 @@ def candidate_causes(rows: Rows, old: UnitState) -> list[Cause]:
 
     zero = np.zeros((COUNT, 3))
     zero[ZERO] = -np.eye(3)  # what the sensor reads, which B takes away
-    add("zero", "the zero has moved", zero, ZERO_RPS, "dps", DEG, xyz, "take B anew")
+    add("zero", "zero moved", zero, ZERO_RPS, "dps", DEG, xyz, "use the new bias")
     if warmer := rows.warmer_than(old):
-        says = f"the zero follows the temperature, {warmer:+.1f} K since then"
-        advice = "take B anew at this temperature, or fit over temperature (temperature)"
-        add("temperature", says, zero * warmer, PER_K, "dps/K", DEG, xyz, advice)
+        claim = f"zero follows the temperature ({warmer:+.1f} K)"
+        advice = f"use the new bias at this temperature, or run `{command_line('temperature')}`"
+        add("temperature", claim, zero * warmer, PER_K, "dps/K", DEG, xyz, advice)
     if rows.turns:  # else what is read at rest is the zero, whatever else has changed
-        says = "all rates are too large or too small by one factor, as with another range, data rate or filter"
         advice = "check the range, the data rate and the clock, then fit again"
-        add("common scale", says, -of_matrix(lambda theta: E * theta[0], 1), COMMON_SCALE, "%", 0.01, ("",), advice)
-        says = "the scale of single axes has changed, as by aging or supply"
-        add("scale", says, -of_matrix(lambda theta: E @ np.diag(theta), 3), SCALE, "ppm", 1e-6, xyz, "fit again")
+        claim = "all rates are off by one factor"
+        add("common scale", claim, -of_matrix(lambda theta: E * theta[0], 1), COMMON_SCALE, "%", 0.01, ("",), advice)
+        add("scale", "scale is off", -of_matrix(lambda theta: E @ np.diag(theta), 3), SCALE, "ppm", 1e-6, xyz, "fit again")
         dials = rows.session.config.protocol.reference == "table"
         reference = "the table's dials" if dials else "the accelerometer"
         if rows.session.reference is not None:
             reference = rows.session.reference.body
         turned = of_matrix(lambda theta: rotation.cross_matrix(theta) @ E, 3)
         turned[ZERO] = np.stack([rotation.cross_matrix(axis) @ old.linear.B for axis in np.eye(3)], axis=1)
-        says = f"the gyroscope is turned against {reference}, as of a sensor that came loose or was mounted anew"
-        add("rotation", says, turned, ROTATION_RAD, "mrad", 1e-3, xyz, "look at the mounting, then fit again")
+        claim = f"gyroscope is turned against {reference}"
+        add("rotation", claim, turned, ROTATION_RAD, "mrad", 1e-3, xyz, "look at the mounting, then fit again")
         # xy, yz, zx: half of each of the two elements
         lean = of_matrix(lambda theta: np.array([[0, theta[0], theta[2]], [theta[0], 0, theta[1]], [theta[2], theta[1], 0]]) / 2 @ E, 3)
-        says, units = "the gyroscope's axes lean otherwise, with another zero, as after a shock", ("mrad",) * 3 + ("dps",) * 3
+        units = ("mrad",) * 3 + ("dps",) * 3
         shock, sizes, of_one = np.concatenate([-lean, zero], axis=1), np.repeat([SHEAR_RAD, ZERO_RPS], 3), np.repeat([1e-3, DEG], 3)
-        add("shock", says, shock, sizes, units, of_one, ("xy", "yz", "zx", *xyz), "fit again; look for loosened parts")
+        claim = "axes and zero moved, as by a shock"
+        add("shock", claim, shock, sizes, units, of_one, ("xy", "yz", "zx", *xyz), "look for loose parts; fit again")
     if rows.stills and old.accelerometer is not None:  # whose calibration is known, and stills show gravity's length
         advice = f"calibrate the accelerometer again (`{command_line('fit', 'DIR', '--accelerometer', 'alone')}`), then fit"
-        for which, says, places, sign, size, unit, si in (
-            ("zero", "zero has moved", BIASES, 1, ACCEL_ZERO_MPS2, "mg", MG),
-            ("scale", "scale has changed", SCALES_OF_ACCELEROMETER, -1, ACCEL_SCALE, "ppm", 1e-6),
+        for which, claim, places, sign, size, unit, si in (
+            ("zero", "zero moved", BIASES, 1, ACCEL_ZERO_MPS2, "mg", MG),
+            ("scale", "scale is off", SCALES_OF_ACCELEROMETER, -1, ACCEL_SCALE, "ppm", 1e-6),
         ):
             into = np.zeros((COUNT, 3))
             into[ACCELEROMETER][places, [0, 1, 2]] = sign
-            add(f"accelerometer's {which}", f"the accelerometer's {says}", into, size, unit, si, xyz, advice)
+            add(f"accelerometer's {which}", f"accelerometer's {claim}", into, size, unit, si, xyz, advice)
     # Changes of B within today's session: a step at each of a few times, a warm-up with each of a few time constants
     for at in rows.steps_s[:: -(-len(rows.steps_s) // MOST_STEPS) or 1]:
         if 0 < at < rows.duration_s:
             columns = rows.in_time(partial(lambda at, t_s: np.asarray((t_s >= at).astype(float)), float(at)))
-            says, advice = "the zero jumped within the session", "look for a shock or a supply change then; record again, and take B anew"
+            advice = "look for a shock or a supply change then, and record again"
             share = max(0.0, 1 - float(at) / MINUTE_S)
-            add("step", says, zero * share, ZERO_RPS, "dps", DEG, xyz, advice, columns, float(at))
+            add("step", "zero jumped", zero * share, ZERO_RPS, "dps", DEG, xyz, advice, columns, float(at))
     for share in WARM_UP_SHARES if rows.stills > 2 or rows.turns else ():
         tau = share * rows.duration_s
         columns = rows.in_time(partial(lambda tau, t_s: np.asarray(np.exp(-t_s / tau)), tau))
-        says, advice = "the zero settles as the sensor warms up", "let it warm up, then verify again"
         mean = tau / MINUTE_S * -np.expm1(-MINUTE_S / tau)
-        add("warm-up", says, zero * mean, ZERO_RPS, "dps", DEG, xyz, advice, columns, float(tau))
+        claim = "zero drifts as it warms up"
+        add("warm-up", claim, zero * mean, ZERO_RPS, "dps", DEG, xyz, "let it warm up, then verify again", columns, float(tau))
     if rows.turns and (bent := rows.effect("gyro.bandwidth")) is not None:
         numbers = xyz if bent.shape[1] == 3 else ("",)
-        says, advice = "the gyroscope's filter is another one", "check the filter's settings, then fit again"
-        add("filter", says, np.zeros((COUNT, bent.shape[1])), BANDWIDTH_S2, "ms^2", 1e-6, numbers, advice, bent)
+        advice = "check the filter's settings, then fit again"
+        add("filter", "gyroscope's filter differs", np.zeros((COUNT, bent.shape[1])), BANDWIDTH_S2, "ms²", 1e-6, numbers, advice, bent)
     return found
 
 
@@ -233,7 +242,7 @@ def beyond_linear(old: LinearModel, turned_rad: np.ndarray) -> np.ndarray:
 class Evidence:
     """Evidence of sets of causes for one recording, each evaluated once."""
 
-    def __init__(self, rows: Rows, parts: Sequence[Part], quiet: np.ndarray | None = None):
+    def __init__(self, rows: Rows, parts: Sequence[ExpectedPart], quiet: np.ndarray | None = None):
         """quiet: sizes of the noise's components with all parameters free."""
         self.rows = rows
         self._columns = np.concatenate([np.zeros((len(rows.r), 0)), *(part.columns for part in parts)], axis=1)
@@ -287,13 +296,13 @@ class Evidence:
 def diagnose(evidence: Evidence, causes: Sequence[Cause]) -> Diagnosis:
     """Look for the causes with the most evidence, one after the other, and for those that stand in for each."""
     nothing = evidence.of([])
-    compared, beside = [nothing], dict[frozenset[str], list[Explanation]]()
+    compared, extended = [nothing], dict[frozenset[str], list[Explanation]]()
 
     def near(fixed: Explanation) -> list[Explanation]:
-        if fixed.ids not in beside:
-            beside[fixed.ids] = _best_of_each(evidence, fixed, causes)
-            compared.extend(beside[fixed.ids])
-        return beside[fixed.ids]
+        if fixed.ids not in extended:
+            extended[fixed.ids] = _best_of_each(evidence, fixed, causes)
+            compared.extend(extended[fixed.ids])
+        return extended[fixed.ids]
 
     best = climb(nothing, lambda each: near(each) if len(each.causes) < MOST else [])
     alone = {trial.names[-1]: trial.log_evidence - nothing.log_evidence for trial in near(nothing)}
@@ -309,7 +318,7 @@ def diagnose(evidence: Evidence, causes: Sequence[Cause]) -> Diagnosis:
 
 
 def _best_of_each(evidence: Evidence, fixed: Explanation, causes: Sequence[Cause]) -> list[Explanation]:
-    """The best variant of each further cause beside those that are fixed; a scanned one pays for its trials, which are compared with the
+    """The best variant of each further cause, added to those that are fixed; a scanned one pays for its trials, which are compared with the
     noise of what is fixed."""
     found = []
     for name in dict.fromkeys(cause.name for cause in causes):

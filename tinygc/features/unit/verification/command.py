@@ -17,7 +17,7 @@ class Options(VerifyOptions, Command, UsesEffects, Force):
 
     model: Path = argument("a model file, or a fitted session folder", metavar="MODEL")
     today: Path = argument("a session folder: turns and rests, or a minute at rest", metavar="TODAY")
-    write: Path | None = option(None, "write the model with B taken anew from today's recording", read=file_written)
+    write: Path | None = option(None, "write the model with the bias of today's recording", read=file_written)
 
 
 def run(args: Options) -> int:

@@ -1,4 +1,4 @@
-"""What a change costs, what this recording cannot tell, and which turns would.
+"""What a change costs, what this recording cannot test, and which turns would.
 
 The cost is the largest error of the attitude within a minute (``tinygc/closure/motion.py``): of today's own first minute of motion, exact,
 between the old calibration and today's best estimate.  What today's data leave open of a parameter is its posterior under a wide prior of
@@ -47,14 +47,14 @@ TURN_S, RATE_HZ, ON_THE_WAY = 4.0, 50.0, (0.25, 0.5, 0.75, 1.0)
 
 @dataclass(frozen=True, eq=False)
 class Cost:
-    """Largest error of the attitude in a motion, rad, axes of the start: with the old calibration as it is, with B taken anew, each with
+    """Largest error of the attitude in a motion, rad, axes of the start: with the old calibration as it is, with the new bias, each with
     its sigma (3,), the larger of there and at the end; motion, in words."""
 
     motion: str
     as_it_is: Annotated[Vector, Key("as_it_is_deg", si=DEG)]
     sigma: Annotated[Vector, Key("sigma_deg", si=DEG)]
-    bias_anew: Annotated[Vector, Key("bias_anew_deg", si=DEG)]
-    bias_anew_sigma: Annotated[Vector, Key("bias_anew_sigma_deg", si=DEG)]
+    with_new_bias: Annotated[Vector, Key("with_new_bias_deg", si=DEG)]
+    with_new_bias_sigma: Annotated[Vector, Key("with_new_bias_sigma_deg", si=DEG)]
 
 
 @dataclass(frozen=True)
@@ -87,17 +87,17 @@ def resting(rows: Rows) -> Motion:
 
 
 def cost_of(
-    rows: Rows, old: LinearModel, change: np.ndarray, covariance: np.ndarray, anew: np.ndarray, anew_covariance: np.ndarray
+    rows: Rows, old: LinearModel, change: np.ndarray, covariance: np.ndarray, bias_change: np.ndarray, bias_covariance: np.ndarray
 ) -> Cost:
-    """Cost of a change (21,) with its covariance (21, 21); anew (3,): the change of B that is taken, with its covariance (3, 3)."""
+    """Cost of a change (21,) with its covariance (21, 21); bias_change (3,): of B that the new bias has, with its covariance (3, 3)."""
     motion = minute_of(rows)
-    today, moved = LinearModel.from_vector(old.vector + change[GYROSCOPE]), old.with_bias_moved(anew)
+    today, moved = LinearModel.from_vector(old.vector + change[GYROSCOPE]), old.with_bias_moved(bias_change)
     own = covariance[GYROSCOPE, GYROSCOPE]
-    # B anew and today's B share their error: what is left is E's, and how far the two estimates of B differ.
+    # The new bias and today's B share their error: what is left is E's, and how far the two estimates of B differ.
     left = np.zeros_like(own)
-    left[MATRIX, MATRIX], left[BIAS, BIAS] = own[MATRIX, MATRIX], anew_covariance
-    as_it_is, bias_anew = (_largest(motion, each, today, known) for each, known in ((old, own), (moved, left)))
-    return Cost(motion.words, *as_it_is, *bias_anew)
+    left[MATRIX, MATRIX], left[BIAS, BIAS] = own[MATRIX, MATRIX], bias_covariance
+    as_it_is, with_new_bias = (_largest(motion, each, today, known) for each, known in ((old, own), (moved, left)))
+    return Cost(motion.words, *as_it_is, *with_new_bias)
 
 
 def _largest(motion: Motion, model: LinearModel, today: LinearModel, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -153,7 +153,7 @@ def bound_deg(slopes: np.ndarray, change: np.ndarray, covariance: np.ndarray) ->
     return float((np.linalg.norm(slopes @ change, axis=1) + _BOUND * sigma).max() / DEG)
 
 
-def turns_that_tell(rows: Rows, noise: SessionNoise, W: np.ndarray, limit_deg: float) -> list[Proposal]:
+def turns_to_test(rows: Rows, noise: SessionNoise, W: np.ndarray, limit_deg: float) -> list[Proposal]:
     """Turns that bring what is open below the limit, the best first; none where nothing is open."""
     limit = limit_deg * DEG / _BOUND
     wanted = np.full(COUNT, limit / (2 * np.pi * np.sqrt(3)))
@@ -162,8 +162,8 @@ def turns_that_tell(rows: Rows, noise: SessionNoise, W: np.ndarray, limit_deg: f
     return best_turns(_known(rows, noise, W, wanted), MOST_TURNS)
 
 
-def turns_that_separate(rows: Rows, noise: SessionNoise, spans: list[np.ndarray]) -> list[Proposal]:
-    """Turns that tell causes apart, each of which moves the parameters along its columns (21, k)."""
+def turns_to_separate(rows: Rows, noise: SessionNoise, spans: list[np.ndarray]) -> list[Proposal]:
+    """Turns that separate causes, each of which moves the parameters along its columns (21, k)."""
     together = np.concatenate(spans, axis=1)
     floor = np.diag((1e-4 * PLAUSIBLE) ** 2)
     covariance = together @ together.T + floor

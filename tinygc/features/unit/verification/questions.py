@@ -9,7 +9,7 @@ Each question is about some of the 21 parameters, X_q = A Z_q, with all others t
     t = U' (1 - Q Q') w           Q: orthonormal basis of L^-1 N;  U: of (1 - Q Q') L^-1 X_q, where a plausible change shows by a sigma
     T = t' t                      chi-square of rank(U) degrees of freedom if the calibration holds
 
-So a changed bias raises no alarm for E, whatever its size.  The zero is asked of the rates at rest alone, where a change of E by 1 % is
+So a changed bias raises no alarm for E, whatever its size.  The zero is tested by the rates at rest alone, where a change of E by 1 % is
 part of S.  The fourth question is whether noise explains what no change of the
 21 parameters does.  Of variances that are estimated, p is the probability of so large a T over draws of the true ones: v nu / chi^2_nu
 of a spread between nu + 1 sessions (of one such variance alone, T / k is Fisher's F), (s + sigma z)^2 of a component of the noise.  The
@@ -51,13 +51,13 @@ from tinygc.noise.whitening import OPEN_MPS2, PRECALIBRATION_MPS2
 #
 # calibration     covariance of the old fit, of both sensors
 # switch-on       2 spread^2 of each number: then and today are one draw each (``unit_state.spread_of``)
-# wander          of B within one switch-on, where the unit's noise figures say it
+# wander          of B within one switch-on, where the unit's noise figures state it
 # temperature     (coefficient x difference)^2 of B and of the accelerometer
-# references      the Earth's unknown rate, gravity's length, a data rate that nobody measured
+# references      the Earth's unknown rate, gravity's length, a data rate that was not measured
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class ExpectedPart:
     """One source: name; columns (n, k) of the rows for one sigma of each of its k numbers; into (21, k): the same of the parameters;
     freedom: degrees of freedom of its size; source, in words; assumed: whether its size is not this unit's own."""
 
@@ -70,8 +70,10 @@ class Part:
     assumed: bool = False
 
 
-def expected_parts(old: UnitState, rows: Rows, spread: Spread, *, switched_on: bool = True, elapsed_s: float | None = None) -> list[Part]:
-    """Parts of what r may be without a fault, beside noise; spread: between sessions; switched_on: whether the sensor was, or may have
+def expected_parts(
+    old: UnitState, rows: Rows, spread: Spread, *, switched_on: bool = True, elapsed_s: float | None = None
+) -> list[ExpectedPart]:
+    """Parts of what r may be without a fault, other than noise; spread: between sessions; switched_on: whether the sensor was, or may have
     been, switched off since then; elapsed_s: how long ago that was, None where not known."""
     instability = rows.twin.problem.instability if rows.twin is not None else None
     both = 0.0
@@ -83,7 +85,7 @@ def expected_parts(old: UnitState, rows: Rows, spread: Spread, *, switched_on: b
     def add(name: str, which: slice, sigma: np.ndarray, source: str, assumed: bool, freedom: float = float("inf")) -> None:
         into = np.zeros((COUNT, len(sigma)))
         into[which] = np.diag(sigma)
-        parts.append(Part(name, rows.parameters @ into, into, freedom, source, assumed))
+        parts.append(ExpectedPart(name, rows.parameters @ into, into, freedom, source, assumed))
 
     if warmer_k:
         add(
@@ -101,28 +103,28 @@ def expected_parts(old: UnitState, rows: Rows, spread: Spread, *, switched_on: b
     allowed = max(PRECALIBRATION_MPS2, USUAL_ACCEL_PER_K * abs(warmer_k))
     sigma = np.r_[np.full(6, allowed / G), np.full(3, allowed)]
     add("accelerometer's temperature", ACCELEROMETER, sigma, "0.1 mg/K as usual", True)
-    return [*parts, Part("references", rows.known, np.zeros((COUNT, rows.known.shape[1])))]
+    return [*parts, ExpectedPart("references", rows.known, np.zeros((COUNT, rows.known.shape[1])))]
 
 
-def _of_calibration(old: UnitState, rows: Rows, both: float = 0.0) -> list[Part]:
+def _of_calibration(old: UnitState, rows: Rows, both: float = 0.0) -> list[ExpectedPart]:
     """The old fit's own uncertainty.  The error of a given accelerometer is in gravity's length alone: E has taken up its other part.
 
     both: covariance, (rad/s)^2, of the drift in the old session and today: the old fit and today's noise each hold it once, and the
-    difference of both has it not.
+    difference of both does not.
     """
     known = old.joint.copy()
     known[ZERO, ZERO] -= 2 * both * np.eye(3)
     if not old.own_lengths:
         into = root(known)
-        return [Part("calibration", rows.parameters @ into, into, source="the old fit")]
+        return [ExpectedPart("calibration", rows.parameters @ into, into, source="the old fit")]
     gyroscope, accelerometer = np.zeros((COUNT, 12)), np.zeros((COUNT, 9))
     gyroscope[GYROSCOPE] = root(known[GYROSCOPE, GYROSCOPE])
     accelerometer[ACCELEROMETER] = np.diag(sigmas_in(known[ACCELEROMETER, ACCELEROMETER]))
     in_lengths = np.zeros_like(rows.parameters)
     in_lengths[rows.kinds[LENGTH]] = rows.parameters[rows.kinds[LENGTH]]
     return [
-        Part("calibration", rows.parameters @ gyroscope, gyroscope, source="the old fit"),
-        Part("accelerometer's calibration", in_lengths @ accelerometer, accelerometer, source="0.1 mg, as given ones usually are"),
+        ExpectedPart("calibration", rows.parameters @ gyroscope, gyroscope, source="the old fit"),
+        ExpectedPart("accelerometer's calibration", in_lengths @ accelerometer, accelerometer, source="0.1 mg, as given ones usually are"),
     ]
 
 
@@ -131,7 +133,7 @@ def _of_calibration(old: UnitState, rows: Rows, both: float = 0.0) -> list[Part]
 #: probability of any false alarm
 FALSE_ALARM = 0.05
 #: sizes of a change that a fault makes: 1 % of E, 1 dps, 1 % and 10 mg.  A direction in which such a change shows by less than a sigma is
-#: not asked about
+#: not tested
 PLAUSIBLE = np.zeros(COUNT)
 PLAUSIBLE[ACCELEROMETER] = np.r_[np.full(6, 0.01), np.full(3, 10 * MG)]
 PLAUSIBLE[GYROSCOPE] = np.r_[np.full(9, 0.01), np.full(3, DEG)]
@@ -171,8 +173,8 @@ class Question:
     left_rps: float = 0.0
 
     @property
-    def asked(self) -> bool:
-        """Whether the recording says anything about it."""
+    def tested(self) -> bool:
+        """Whether the recording tests it."""
         return self.rank > 0
 
     @property
@@ -191,7 +193,7 @@ class Question:
         return self.p_value >= self.level
 
 
-def ask(rows: Rows, parts: Sequence[Part], noise: SessionNoise, old: UnitState, false_alarm: float = FALSE_ALARM) -> list[Question]:
+def ask(rows: Rows, parts: Sequence[ExpectedPart], noise: SessionNoise, old: UnitState, false_alarm: float = FALSE_ALARM) -> list[Question]:
     """Ask all that today's recording can answer."""
     everything = np.arange(len(rows.r))
     matrix, zero, accelerometer = np.r_[GYROSCOPE][MATRIX], np.r_[ZERO], np.r_[ACCELEROMETER]
@@ -206,14 +208,14 @@ def ask(rows: Rows, parts: Sequence[Part], noise: SessionNoise, old: UnitState, 
     if old.accelerometer is not None:
         found.append(_ask(rows, expected, parts, noise, GRAVITY, accelerometer, np.r_[matrix, zero], everything))
     found.append(_left_over(rows, noise, old))
-    level = level_of_each(false_alarm, sum(question.asked for question in found))
+    level = level_of_each(false_alarm, sum(question.tested for question in found))
     return [replace(question, level=level) for question in found]
 
 
 def _ask(
     rows: Rows,
     expected: np.ndarray,
-    parts: Sequence[Part],
+    parts: Sequence[ExpectedPart],
     noise: SessionNoise,
     name: str,
     which: np.ndarray,
@@ -250,8 +252,8 @@ def _ask(
 def _left_over(rows: Rows, noise: SessionNoise, old: UnitState) -> Question:
     """Whether noise explains the turns' closure, and the rates at rest, beyond any change of the 21 parameters.
 
-    Rates at rest are asked by the noise that the old fit found in them: today's own would take up a zero that differs from rest to rest.
-    Without turns they are asked in any case.
+    Rates at rest are tested by the noise that the old fit found in them: today's own would take up a zero that differs from rest to rest.
+    Without turns they are tested in any case.
     A fit that left more than noise before may do so again: its own ratio of chi-square to degrees of freedom is then the yardstick.
     """
     part = slice(0, rows.kinds[LENGTH].start) if old.at_rest or not rows.turns else rows.kinds[CLOSURE]

@@ -68,8 +68,8 @@ class Rows:
     noise: beyond white, whose sizes are estimated; kinds: rows of each kind; blank (n,) bool: rows without data; duration_s of
     the session; temp_c: mean over its stills, NaN where not known; stills, turns: how many; noise_freedom: degrees of freedom of the white
     noise; rest_rps (3,): what the gyroscope reads at rest; session as it was compared; steps_s: seconds at which a step is looked for;
-    in_time: columns (n, 3) of a change of B that follows a profile in time; twin: of a recording with turns; remark: what the first look
-    says of the rates, where it refuses them.
+    in_time: columns (n, 3) of a change of B that follows a profile in time; twin: of a recording with turns; remark: why the first look
+    refuses the rates, where it does.
     """
 
     r: np.ndarray
@@ -97,7 +97,7 @@ class Rows:
         return self.white + noise.covariance
 
     def warmer_than(self, old: UnitState) -> float | None:
-        """K by which the sensor is warmer than in the old session; None where one of them does not say it."""
+        """K by which the sensor is warmer than in the old session; None where it is not known of both."""
         return None if old.temperature_c is None or not np.isfinite(self.temp_c) else self.temp_c - old.temperature_c
 
     def effect(self, name: str) -> np.ndarray | None:
@@ -110,8 +110,8 @@ class Rows:
 
 
 def facts(old: UnitState, session: Session) -> list[str]:
-    """What the settings say, a sentence each: another range, rate, model, serial number of the sensor, or clock."""
-    said, sensor = [], session.config.sensor
+    """Settings that differ, a sentence each: range, rate, model, serial number of the sensor."""
+    found, sensor = [], session.config.sensor
     for key, unit, words in (
         ("gyro_fs_dps", "dps", "full scale of the gyroscope"),
         ("accel_fs_g", "g", "full scale of the accelerometer"),
@@ -119,20 +119,20 @@ def facts(old: UnitState, session: Session) -> list[str]:
     ):
         then, now = old.sensor.get(key), getattr(sensor, key)
         if then is not None and np.isfinite(now) and abs(then / now - 1) > 0.01:
-            said.append(f"{words}: {then:g} {unit} in the model, {now:g} {unit} today")
+            found.append(f"{words}: {then:g} {unit} in the model, {now:g} {unit} today")
     for key in ("model", "serial"):
         then, now = old.sensor.get(key), getattr(sensor, key)
         if then and now and now != "unknown" and then != now:
-            said.append(f"{key} of the sensor: {printable(str(then))} in the model, {printable(now)} today")
-    return said
+            found.append(f"{key} of the sensor: {printable(str(then))} in the model, {printable(now)} today")
+    return found
 
 
 def clocks_apart(old: UnitState, session: Session) -> str:
     """That the model goes by another clock than the session can go by; empty where both go by the same."""
     if old.clock == CLOCKS[0] or (session.config.sensor.clock_ratio is not None and session.reference is None):
         return ""
-    why = "no sensor.clock_ratio says how far that is off" if session.reference is None else f"its {session.reference.title}s do"
-    return f"the model goes by the computer's clock (--clock arrivals), today's recording by the board's: {why}"
+    why = "its sensor.clock_ratio is not known" if session.reference is None else f"its {session.reference.title}s do"
+    return f"Model by the computer's clock, today's recording by the board's: {why}"
 
 
 def readings_by(old: UnitState, session: Session) -> Session:
@@ -164,7 +164,7 @@ def rows_of(session: Session, old: UnitState, use_earth: bool = True, progress: 
             raise SegmentError(f"{session.folder}: no rest of {session.config.protocol.still_s:g} s; let the sensor lie still for a minute")
         if all(len(found.of(log).stills) < 2 for log in whole.logs):
             return _of_rests(whole, old, found)
-    mode, factor, said = "given" if session.config.accelerometer.source == "given" else "auto", 1.0, ""
+    mode, factor, remark = "given" if session.config.accelerometer.source == "given" else "auto", 1.0, ""
     for again in (False, True):
         try:
             prepared = prepare(
@@ -176,9 +176,9 @@ def rows_of(session: Session, old: UnitState, use_earth: bool = True, progress: 
                 progress=progress,
             )
             turns = [segment.turn_deg for segment in prepared.problem.segments]
-            if session.reference is None and not said and max(turns) < LEAST_TURN_DEG:
+            if session.reference is None and not remark and max(turns) < LEAST_TURN_DEG:
                 return _of_rests(whole, old, found)
-            return _of_turns(prepared.problem, old, session, factor, said)
+            return _of_turns(prepared.problem, old, session, factor, remark)
         except (SegmentError, FitError):  # too few turns, or such as bind nothing
             if session.reference is not None:
                 raise
@@ -187,7 +187,7 @@ def rows_of(session: Session, old: UnitState, use_earth: bool = True, progress: 
             # Rates that are wrong by one factor are refused by the first look; here they are an answer.
             if again or SCALE not in str(error) or session.reference is not None:
                 raise
-            factor, said = _factor(whole, found), str(error)
+            factor, remark = _factor(whole, found), str(error)
     raise AssertionError
 
 
@@ -213,8 +213,8 @@ def _factor(session: Session, found: SessionStills) -> float:
     return float(np.median(known)) if known else 1.0
 
 
-def _of_turns(problem: Problem, old: UnitState, session: Session, factor: float, said: str) -> Rows:
-    """Rows of a recording with turns; factor: on all rates, without which the first look refuses them, with what it says."""
+def _of_turns(problem: Problem, old: UnitState, session: Session, factor: float, remark: str) -> Rows:
+    """Rows of a recording with turns; factor: on all rates, without which the first look refuses them for this remark."""
     twin = Twin(problem)
     start = twin.start()
     rates = twin.rates(start)
@@ -266,7 +266,7 @@ def _of_turns(problem: Problem, old: UnitState, session: Session, factor: float,
         blank=blank,
         duration_s=float(problem.began_s[-1]),
         turns=len(twin.segments),
-        remark=said,
+        remark=remark,
         steps_s=times,
         in_time=in_time,
         twin=twin,

@@ -1,4 +1,4 @@
-"""One verdict on a stored calibration, by today's recording: holds, holds for E with B anew, does not hold, undecided."""
+"""One verdict on a stored calibration, by today's recording: holds, holds with a new bias, does not hold, undecided."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ from tinygc.features.unit.verification.cost import (
     cost_of,
     estimated_change,
     left_open,
-    turns_that_separate,
-    turns_that_tell,
+    turns_to_separate,
+    turns_to_test,
     uses,
 )
-from tinygc.features.unit.verification.questions import GRAVITY, NOISE, B, E, Part, Question, ask, expected_parts, todays_noise
+from tinygc.features.unit.verification.questions import GRAVITY, NOISE, B, E, ExpectedPart, Question, ask, expected_parts, todays_noise
 from tinygc.features.unit.verification.rows import Rows, clocks_apart, facts, rows_of
 from tinygc.fitting.unit_state import UnitState, read_state, spread_of, spread_over
 from tinygc.inference.decide import BIAS, FAILS, HOLDS, UNDECIDED, Answer
@@ -43,32 +43,30 @@ from tinygc.library.arguments import is_path, public
 from tinygc.library.records import Shown
 from tinygc.models.linear import BIAS as BIAS_OF_12
 from tinygc.planning.proposals import Proposal
-from tinygc.reporting.facts import Table, screen
+from tinygc.reporting.facts import Part, Table, screen
 from tinygc.reporting.terminal import Group, Text, one_line
 
 SCHEMA = "tinygc-verify/1"
-#: in whose way it fails, in words
-OF = {E: "E", B: "the zero", GRAVITY: "the accelerometer", NOISE: "what is left beyond noise"}
-
-#: questions in words
-ASKED = {
-    E: "scale and axes (E), the zero free",
-    B: "the zero (B)",
-    GRAVITY: "gravity's length (the accelerometer)",
-    NOISE: "noise explains the rest",
+#: what each question is about, and a change of it that this recording would not show
+TOPICS = {E: "scale and axes", B: "zero", GRAVITY: "gravity", NOISE: "beyond noise"}
+UNSEEN = {
+    E: "a scale error of up to {}° per turn",
+    B: "a zero error of up to {}° per minute",
+    GRAVITY: "a tilt error of up to {}°",
 }
+FIT_AGAIN = "fit a new session, and look at `explain`"
 #: causes that change within the recording
 IN_TIME = {"step", "warm-up"}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Verified(Shown):
-    """Result of ``tinygc.verify``: the answer, with all that it stands on.
+    """Result of ``tinygc.verify``: the answer, with its reasons.
 
-    old: the calibration; today: the name of the session that verifies it; decision: the answer with its reason;
-    bias_anew (3,) rad/s: change of B that today's rests ask for, with covariance (3, 3); diagnosis: None where nothing speaks against the
-    calibration; tell, separate: turns that would tell what is open, and what the causes are; facts: what the settings say; notes;
-    bias_serves: whether the model may be used with B anew, as far as this recording tells.
+    old: the calibration; today: the name of the session that verifies it; decision: the answer with its reason; bias_change (3,) rad/s:
+    change of B by today's rests, with covariance (3, 3); diagnosis: None where no question found a change; to_test, to_separate: turns that
+    would test what is open, and separate the causes; facts: how the settings differ; notes; bias_serves: whether the model may be used with
+    the new bias, as far as this recording shows.
     """
 
     old: UnitState
@@ -77,14 +75,14 @@ class Verified(Shown):
     options: VerifyOptions
     decision: Answer
     questions: tuple[Question, ...]
-    parts: tuple[Part, ...]
+    parts: tuple[ExpectedPart, ...]
     bounds: tuple[Bound, ...]
     cost: Cost
-    bias_anew: np.ndarray
+    bias_change: np.ndarray
     bias_covariance: np.ndarray
     diagnosis: Diagnosis | None
-    tell: tuple[Proposal, ...]
-    separate: tuple[Proposal, ...]
+    to_test: tuple[Proposal, ...]
+    to_separate: tuple[Proposal, ...]
     facts: tuple[str, ...]
     notes: tuple[str, ...] = ()
     bias_serves: bool = True
@@ -94,7 +92,7 @@ class Verified(Shown):
 
     @property
     def answer(self) -> str:
-        """``holds``, ``holds for E, take B anew``, ``does not hold`` or ``undecided``."""
+        """``holds``, ``holds with a new bias``, ``does not hold`` or ``undecided``."""
         return self.decision.kind
 
     @property
@@ -109,49 +107,43 @@ class Verified(Shown):
 
     @property
     def alarm(self) -> bool:
-        """Whether a question was answered with no: the event whose probability without a fault is stated."""
-        return any(question.asked and not question.holds for question in self.questions)
+        """Whether a question found a change: the event whose probability without a fault is stated."""
+        return any(question.tested and not question.holds for question in self.questions)
 
     @property
     def new_bias(self) -> np.ndarray:
-        """(3,) rad/s: B with the change."""
-        return self.old.bias + self.bias_anew
+        """(3,) rad/s: B by today's rests."""
+        return self.old.bias + self.bias_change
 
     @property
     def bias_dps(self) -> np.ndarray:
-        """(3,) dps: B taken anew."""
+        """(3,) dps: the new bias."""
         return np.asarray(self.new_bias / DEG)
 
     @property
     def verdict_line(self) -> Text:
-        """The answer and its reason in one line, for ``--quiet``."""
+        """The answer and its reason in one line."""
         return one_line(self.decision.headline, self.decision.of.style)
 
     @property
     def page(self) -> Group:
         """The command's output, as a rich renderable."""
-        title = (
-            f"{self.rows.turns} turns and {self.rows.stills} rests against {self.old.name}; "
-            f"a false alarm in {significant(100 * self.options.false_alarm, 2)} % of such recordings"
-        )
+        title = f"{self.rows.turns} turns and {self.rows.stills} rests against {self.old.name}"
         rows = []
         for each in self.questions:
-            chi_square, p = f"{each.chi_square:.1f}", probability(each.p_value)
-            if each.beyond_draws:
-                chi_square, p = f"> {chi_square}", p.replace("=", "<")
-            numbers = (chi_square, each.rank, p, significant(each.level, 2))
-            answer = "not asked by this recording" if not each.asked else "nothing against it" if each.holds else "no"
-            rows.append([ASKED[each.name], answer, *(numbers if each.asked else ("", "", "", ""))])
-        table = Table(title, ("does it hold?", "answer", "χ²", "degrees of freedom", "p", "bar"), rows, left=(0, 1))
-        said = [*cause_lines(self), *cost_lines(self), *open_lines(self), *(f"Note: {note}." for note in self.notes)]
-        settings = (f"Settings: {fact}." for fact in self.facts)
-        return screen([self.verdict_line, *settings, table, *said, one_line(f"Do: {self.decision.do}.", "bold")])
+            p = probability(each.p_value)
+            answer = "not tested" if not each.tested else "no change" if each.holds else "changed"
+            rows.append([TOPICS[each.name], answer, "" if not each.tested else p.replace("=", "<") if each.beyond_draws else p])
+        table = Table(title, ("question", "answer", ""), rows, left=(0, 1))
+        lines = (*(f"{fact}." for fact in self.facts), *cause_lines(self), *open_lines(self), *(f"Note: {note}." for note in self.notes))
+        below: list[Part] = [one_line(line) for line in lines]
+        return screen([self.verdict_line, table, *cost_parts(self), *below, one_line(f"next: {self.decision.do}", "bold")])
 
     def save_model(self, path: Path | str) -> Path:
-        """Write the model with B taken anew, and return the path.  Raises StorageError for a file that cannot be written,
+        """Write the model with the new bias, and return the path.  Raises StorageError for a file that cannot be written,
         DataError where E does not hold, or the zero moves within the recording."""
         if not self.bias_serves:
-            raise DataError(f"{self.old.path}: not written with B anew: {self.headline}; {self.decision.do}")
+            raise DataError(f"{self.old.path}: not written with a new bias: {self.headline}; {self.decision.do}")
         old, more = self.old, dict[str, Any]()
         if np.isfinite(self.rows.temp_c):
             more["temperature_c"] = self.rows.temp_c
@@ -160,8 +152,8 @@ class Verified(Shown):
             covariance[BIAS_OF_12, :] = covariance[:, BIAS_OF_12] = 0.0
             covariance[BIAS_OF_12, BIAS_OF_12] = self.bias_covariance
             more["covariance"] = covariance
-        words = f"{old.table.get('method') or 'stored'}, bias anew"
-        write_whole(Path(path), old.table_with_bias(self.bias_anew, words, self.today, **more))
+        words = f"{old.table.get('method') or 'stored'}, new bias"
+        write_whole(Path(path), old.table_with_bias(self.bias_change, words, self.today, **more))
         return Path(path)
 
     def to_json(self) -> dict:
@@ -183,25 +175,25 @@ class Verified(Shown):
                 "turns": self.rows.turns,
                 "rests": self.rows.stills,
                 "questions": [
-                    {"name": each.name, "asked": each.asked, "freedom": each.rank, "level": each.level}
-                    | {name: getattr(each, name) if each.asked else None for name in ("holds", "statistic", "chi_square", "p_value")}
+                    {"name": each.name, "tested": each.tested, "freedom": each.rank, "level": each.level}
+                    | {name: getattr(each, name) if each.tested else None for name in ("holds", "statistic", "chi_square", "p_value")}
                     for each in self.questions
                 ],
                 "expected": self.parts,
-                "bias_anew": in_unit(DEG, bias_dps=self.new_bias, change_dps=self.bias_anew, sigma_dps=sigmas_in(self.bias_covariance)),
+                "new_bias": in_unit(DEG, bias_dps=self.new_bias, change_dps=self.bias_change, sigma_dps=sigmas_in(self.bias_covariance)),
                 "cause": None
                 if diagnosis is None
                 else {
                     "names": diagnosis.best.names,
-                    "words": diagnosis.best.words,
+                    "words": [f"{each.claim}: {', '.join(each.numbers)}" for each in diagnosis.best.stated],
                     "probability": diagnosis.probability,
                     "instead": [{"name": name, "others": others} for name, others in diagnosis.rivals.items()],
                     "alone": [{"name": name, "log_odds": odds} for name, odds in diagnosis.alone.items()],
                 },
                 "cost": self.cost,
                 "bounds": self.bounds,
-                "turns_that_tell": [proposal.words for proposal in self.tell],
-                "turns_that_separate": [proposal.words for proposal in self.separate],
+                "turns_to_test": [proposal.words for proposal in self.to_test],
+                "turns_to_separate": [proposal.words for proposal in self.to_separate],
                 "facts": self.facts,
                 "notes": self.notes,
             }
@@ -210,7 +202,7 @@ class Verified(Shown):
 
 @public(VerifyOptions)
 def verify(model: Path | str, today: Any, *, progress: Progress | None = None, **choices: Any) -> Any:
-    """Say whether a stored calibration still holds, and if not, why, what that costs, and what to do.
+    """Verify a stored calibration by a short recording of today: whether it holds, and if not, why, its cost, and what to do.
 
     Parameters
     ----------
@@ -275,17 +267,17 @@ def verify_session(
 
     Raises DataError for a session of another sensor, unless that is accepted, and the errors of ``rows_of`` and ``spread_of_unit``.
     """
-    told, then, now = facts(old, session), old.sensor.get("serial"), session.config.sensor.serial
+    settings, then, now = facts(old, session), old.sensor.get("serial"), session.config.sensor.serial
     if then and now and then != now and not options.other_serial:
         raise DataError(
             f"{session.folder}: of sensor {now!r}, expected {then!r}, which the model "
             "was fitted to; give a recording of that one, or --other-serial if it is the same sensor after all"
         )
-    told += [apart] if (apart := clocks_apart(old, session)) else []
+    settings += [apart] if (apart := clocks_apart(old, session)) else []
     notes = old.lacks
     rows = rows_of(session, old, options.earth, progress)
     if rows.remark:
-        told.append(rows.remark)
+        settings.append(rows.remark)
     lot = None if options.lot is None else features.first("spread of a production lot", options.lot, session.config.sensor.model)
     if options.lot is not None and lot is None:
         raise CalibrationError("verify has no option --lot: no feature reads a lot")
@@ -293,11 +285,10 @@ def verify_session(
     spread = spread_of(session.config, old.table, between=between, lot=lot)
     if rows.warmer_than(old) is None:
         which = "the model" if np.isfinite(rows.temp_c) else "today's recording"
-        notes.append(f"{which} does not say how warm the sensor was: a change by temperature is not told apart from a moved zero")
+        notes.append(f"no temperature in {which}; a warmer sensor looks like a moved zero")
     parts = expected_parts(old, rows, spread, switched_on=options.switched_on, elapsed_s=options.elapsed_s)
     if options.switched_on and spread.at(ZERO).is_usual:
-        source = spread.at(ZERO).source
-        notes.append(f"how far the zero moves between switch-ons is {source}; --history with other sessions of this unit tells it")
+        notes.append("switch-on scatter is the usual one; --history gives this unit's")
     if options.switched_on and spread.note:
         notes.append(spread.note)
     progress("noise of today")
@@ -309,9 +300,9 @@ def verify_session(
     bounds = tuple(Bound(name, bound_deg(slopes, np.zeros(len(W)), W), options.limit_deg, words) for name, slopes, words in used)
     causes = candidate_causes(rows, old)
     evidence = Evidence(rows, parts, noise.s)
-    anew = evidence.of([cause for cause in causes if cause.name == "zero"])
-    refuted = [question for question in questions if question.asked and not question.holds]
-    diagnosis, change, covariance = None, anew.change, anew.covariance
+    moved_zero = evidence.of([cause for cause in causes if cause.name == "zero"])
+    refuted = [question for question in questions if question.tested and not question.holds]
+    diagnosis, change, covariance = None, moved_zero.change, moved_zero.covariance
     if refuted:
         progress("causes")
         diagnosis = diagnose(evidence, causes)
@@ -320,7 +311,7 @@ def verify_session(
             more = beyond_linear(old.linear, turned)
             diagnosis = diagnose(Evidence(replace(rows, r=rows.r + rows.parameters @ more), parts, noise.s), causes)
             change, covariance = diagnosis.best.change + more, diagnosis.best.covariance
-    cost = cost_of(rows, old.linear, change, covariance, anew.change[ZERO], anew.covariance[ZERO, ZERO])
+    cost = cost_of(rows, old.linear, change, covariance, moved_zero.change[ZERO], moved_zero.covariance[ZERO, ZERO])
     if diagnosis is not None and not diagnosis.best.causes:  # whatever it was, it is as large as today's data alone leave it
         change, covariance = estimated_change(rows, noise, W), W
     effects = {name: bound_deg(slopes, change, covariance) for name, slopes, _ in used}
@@ -328,15 +319,11 @@ def verify_session(
     if diagnosis is not None:  # a zero that moves within the recording
         effects[NOISE] = max(effects[NOISE], *(float(np.linalg.norm(diagnosis.best.of(n))) * MINUTE_S / DEG for n in ("step", "warm-up")))
     changed = {question.name: effects[question.name] for question in refuted}
-    new = bias_words(old.bias + anew.change[ZERO], anew.covariance[ZERO, ZERO])
-    decision, bias_serves = _decide(changed, bounds, cost, new, diagnosis, options, rows.turns > 0)
+    decision, bias_serves = _decide(changed, bounds, cost, diagnosis, options, rows.turns > 0)
     if rows.remark and bias_serves:
-        decision, bias_serves = Answer(FAILS, rows.remark, "mend the unit, the range or the data rate, then verify again"), False
+        decision, bias_serves = Answer(FAILS, rows.remark, "correct the unit, the range or the data rate, then verify again"), False
     if old.logs & {hash_of_log(log) for log in session.logs}:
-        itself = "the model was fitted to this very recording, and agrees with itself"
-        decision, bias_serves = Answer(UNDECIDED, itself, "give another recording"), False
-    power = ", ".join(f"{OF[bound.name]} to {significant(bound.bound_deg, 2)}°" for bound in bounds)  # what would have been seen
-    line = "; ".join(filter(None, (f"this recording tells {power} (95 %)", apart, decision.line)))
+        decision, bias_serves = Answer(UNDECIDED, "the model was fitted to this very recording.", "give another recording"), False
     open_names = {bound.name for bound in bounds if not bound.is_seen}
     into = {cause.name: cause.into for cause in causes}
     pairs = [] if diagnosis is None else [(name, others[0]) for name, others in diagnosis.rivals.items() if others]
@@ -346,17 +333,17 @@ def verify_session(
         today=session.name,
         rows=rows,
         options=options,
-        decision=replace(decision, line=line),
+        decision=decision,
         questions=questions,
         parts=tuple(parts),
         bounds=bounds,
         cost=cost,
-        bias_anew=anew.change[ZERO],
-        bias_covariance=anew.covariance[ZERO, ZERO],
+        bias_change=moved_zero.change[ZERO],
+        bias_covariance=moved_zero.covariance[ZERO, ZERO],
         diagnosis=diagnosis,
-        tell=tuple(turns_that_tell(rows, noise, W, options.limit_deg)) if open_names - {B} else (),
-        separate=tuple(turns_that_separate(rows, noise, spans)) if spans else (),
-        facts=tuple(told),
+        to_test=tuple(turns_to_test(rows, noise, W, options.limit_deg)) if open_names - {B} else (),
+        to_separate=tuple(turns_to_separate(rows, noise, spans)) if spans else (),
+        facts=tuple(settings),
         notes=tuple(notes),
         bias_serves=bias_serves,
     )
@@ -366,62 +353,85 @@ def _decide(
     changed: Mapping[str, float],
     found: Sequence[Bound],
     cost: Cost,
-    new: str,
     diagnosis: Diagnosis | None,
     options: VerifyOptions,
     turned: bool = True,
 ) -> tuple[Answer, bool]:
     """Decide by the questions with a significant change, and the degrees that a minute of use misses by it at most (95 %): changed.
 
-    Returns the answer, and whether the model may be used with B anew.  new: B anew, in words; turned: whether there are turns, without
-    which E is not asked.
+    Returns the answer, and whether the model works with the new bias.  turned: whether there are turns, without which nothing tests E.
     """
-    limit, uses = options.limit_deg * DEG, {bound.name: bound.use for bound in found}
+    limit = options.limit_deg * DEG
     matters = [name for name in changed if changed[name] > options.limit_deg]
-    by_size = sorted(changed, key=lambda name: -changed[name])
-
-    def amount(name: str) -> str:
-        return f"{significant(changed[name], 2)}° in {uses.get(name, uses[B])}"
-
-    amounts = {name: f"{OF[name]} (up to {amount(name)})" for name in by_size}
     causes = () if diagnosis is None else diagnosis.best.causes
-    because = "" if diagnosis is None else "; ".join(diagnosis.best.words)
-    fit_again = "fit a new session, and look at `explain`"
+    stated = [] if diagnosis is None else diagnosis.best.stated
+    because = f"{stated[0].claim}: {stated[0].largest}" if stated else ""
     if set(matters) - {B} or (matters and any(cause.name not in ("zero", "temperature") for cause in causes)):
-        why = because or "no cause of the list explains it; run explain"
-        moved = ", ".join(amounts[name] for name in by_size if name in matters and name != NOISE)
-        left = f"more than noise is left: up to {amount(NOISE)}" if NOISE in matters else ""
-        departs = f"{'; '.join(filter(None, (moved and f'departs from the calibration: {moved}', left)))} (95 %)"
-        advice = "; ".join(dict.fromkeys(cause.advice for cause in causes)) or fit_again
-        return Answer(FAILS, f"{departs}; {why}", advice), False
+        largest = max(matters, key=lambda name: changed[name])
+        what = "more than noise is left" if largest == NOISE else f"{TOPICS[largest]} changed"
+        why = because or f"{what}, of unknown cause, by up to {significant(changed[largest], 2)}°"
+        advice = "; ".join(dict.fromkeys(step for cause in causes for step in cause.advice.split("; "))) or FIT_AGAIN
+        return Answer(FAILS, f"{why}.", advice), False
     unseen = [bound for bound in found if not bound.is_seen]
     e_seen = E not in [bound.name for bound in unseen]
-    small = [amounts[name] for name in by_size if name not in matters]
-    less = f"changed beyond chance, and by less than {options.limit_deg:g}° (95 %): {', '.join(small)}"
-    costs, anew = (float(np.linalg.norm(each)) for each in (cost.as_it_is, cost.bias_anew))
+    costs, with_new = (float(np.linalg.norm(each)) for each in (cost.as_it_is, cost.with_new_bias))
+    error = f"error after the next minute {significant(costs / DEG, 2)}°"
     if matters or costs > max(limit, 2 * float(np.linalg.norm(cost.sigma))):
-        why = (because or "the zero moved by more than between switch-ons") if matters else "it moved as between switch-ons"
-        why += f", and costs {significant(costs / DEG, 2)}° in the next minute{f'; {less}' if small else ''}"
-        if anew > max(limit, 2 * float(np.linalg.norm(cost.bias_anew_sigma))):
-            still = f"{why}; with B anew the minute still misses {significant(anew / DEG, 2)}°"
-            return Answer(FAILS, still, fit_again), False
-        take = "take B anew: --write FILE writes the model with it"
+        why = because or ("zero moved by more than a switch-on" if matters else "zero moved, as at a switch-on")
+        if with_new > max(limit, 2 * float(np.linalg.norm(cost.with_new_bias_sigma))):
+            return Answer(FAILS, f"{error}; with a new bias still {significant(with_new / DEG, 2)}°.", FIT_AGAIN), False
+        use_new = "use the new bias: --write FILE writes the model with it"
         if e_seen:
-            return Answer(BIAS, f"B = {new}; {why}", take), True
-        said = f"take B anew: B = {new}; {why}; whether E holds stays open"
-        return Answer(FAILS if matters else UNDECIDED, said, f"{take}; then record the turns above, which decide about E"), True
+            return Answer(BIAS, f"{why}; {error}.", use_new), True
+        return Answer(FAILS if matters else UNDECIDED, f"{why}; {error}.", f"{use_new}; then record the turns above"), True
     if unseen and (turned or B in [bound.name for bound in unseen]):
         turns = "record the turns above, with a rest before and after each, then verify again"
         if {bound.name for bound in unseen} == {B}:
             turns = "let it lie still for some minutes, in several attitudes, then verify again"
-        open_ = " and ".join(OF[bound.name] for bound in unseen)
-        said = f"{less if small else 'nothing significant'}, but {open_} may miss more than {options.limit_deg:g}°"
-        return Answer(UNDECIDED, said, turns), True
-    so_far = less if small else "within what noise, the old fit and a switch-on explain"
-    said = f"{so_far}; it costs {significant(costs / DEG, 2)}° in the next minute"
-    if unseen:  # at rest, the zero is all that is asked for
-        return Answer(HOLDS, f"the zero holds: {said}", "use it as it is; turns would tell E (above)"), True
-    return Answer(HOLDS, said, "use it as it is"), True
+        return Answer(UNDECIDED, unseen_words(max(unseen, key=lambda bound: bound.bound_deg / bound.limit_deg)), turns), True
+    if unseen:  # at rest, the zero is all that is tested
+        return Answer(HOLDS, f"zero and gravity are fine; {error}.", "scale cannot be seen at rest: record the turns above"), True
+    return Answer(HOLDS, f"{error}.", "use it as it is"), True
+
+
+def unseen_words(bound: Bound) -> str:
+    """A change that this recording would not show, and how large."""
+    return f"{UNSEEN[bound.name].format(significant(bound.bound_deg, 2))} would go unseen."
+
+
+# The screen: what was tested, why, what it costs, and what this recording cannot test.
+
+
+def cause_lines(found: Verified) -> list[str]:
+    """Why it does not hold."""
+    diagnosis, lines = found.diagnosis, []
+    if diagnosis is None:
+        return []
+    if not diagnosis.best.causes:
+        return ["Cause unknown: none of the list explains it; run `explain`."]
+    for cause, stated in zip(diagnosis.best.causes, diagnosis.best.stated, strict=True):
+        lines.append(f"Cause: {stated.claim}")
+        lines += [f"  {', '.join(stated.numbers[k : k + 3])}" for k in range(0, len(stated.numbers), 3)]
+        if others := diagnosis.rivals.get(cause.name, ()):
+            lines.append(f"  or: {', '.join(others)}")
+    sure = "over 99" if diagnosis.probability > 0.99 else significant(100 * diagnosis.probability, 2)
+    lines.append(f"{sure} % sure of the cause (of {len(diagnosis.alone)} tried).")
+    return lines + [f"To separate the causes: {proposal.words}." for proposal in found.to_separate]
+
+
+def cost_parts(found: Verified) -> list[Part]:
+    """Errors of the attitude as it is and with the new bias, and the new bias."""
+    cost, as_it_is = found.cost, ("as it is", found.cost.as_it_is, found.cost.sigma)
+    new = ("with the new bias", cost.with_new_bias, cost.with_new_bias_sigma)
+    in_time = found.diagnosis is not None and set(found.diagnosis.best.names) & IN_TIME
+    rows = [
+        [label, *((float(angle), float(s)) for angle, s in zip(value / DEG, sigma / DEG, strict=True))]
+        for label, value, sigma in ((as_it_is,) if in_time else (as_it_is, new))
+    ]
+    table = Table(f"Largest error in {cost.motion}, °", ("", "roll", "pitch", "yaw"), rows)
+    if in_time:
+        return [table, "No new bias: the zero moves within this recording."]
+    return [table, one_line(f"New bias: {bias_words(found.new_bias, found.bias_covariance)}")]
 
 
 def bias_words(bias: np.ndarray, covariance: np.ndarray) -> str:
@@ -430,51 +440,7 @@ def bias_words(bias: np.ndarray, covariance: np.ndarray) -> str:
     return ", ".join(f"{value / DEG:+.4f} ± {s:.4f}" for value, s in zip(bias, sigma, strict=True)) + " dps"
 
 
-# The screen: what was asked, why, what it costs, and what this recording cannot tell.
-
-
-def cause_lines(found: Verified) -> list[str]:
-    """Why it does not hold."""
-    if found.diagnosis is None:
-        return []
-    diagnosis, said = found.diagnosis, []
-    if not diagnosis.best.causes:
-        return ["Cause: none of the list is more probable than none; `explain` looks further."]
-    for cause, words in zip(diagnosis.best.causes, diagnosis.best.words, strict=True):
-        others = diagnosis.rivals.get(cause.name, ())
-        instead = f"; not told apart from: {', '.join(others)}" if others else ""
-        said.append(f"Cause: {words}{instead}.")
-    said.append(f"Probability of this explanation among those compared: {significant(100 * diagnosis.probability, 2)} %.")
-    said += [f"To tell the causes apart: {proposal.words}." for proposal in found.separate]
-    return said
-
-
-def cost_lines(found: Verified) -> list[str]:
-    """What it costs."""
-    cost = found.cost
-
-    def angles(value: np.ndarray, sigma: np.ndarray) -> str:
-        pairs = zip(("roll", "pitch", "yaw"), value / DEG, sigma / DEG, strict=True)
-        return ", ".join(f"{name} {angle:+.3f} ± {s:.3f}°" for name, angle, s in pairs)
-
-    as_it_is = f"Cost, the largest error in {cost.motion}: {angles(cost.as_it_is, cost.sigma)}."
-    if found.diagnosis is not None and set(found.diagnosis.best.names) & IN_TIME:
-        return [as_it_is, "B anew would not last: the zero moves within this recording."]
-    return [
-        as_it_is,
-        f"With B anew ({bias_words(found.new_bias, found.bias_covariance)}): {angles(cost.bias_anew, cost.bias_anew_sigma)}.",
-    ]
-
-
 def open_lines(found: Verified) -> list[str]:
-    """What this recording cannot tell, and which turns would."""
-    said = [
-        f"Open: {ASKED[bound.name]}: {bound.use} may miss {significant(bound.bound_deg, 2)}° (95 %), "
-        f"more than {significant(bound.limit_deg, 2)}°."
-        for bound in found.bounds
-        if not bound.is_seen
-    ]
-    if said and found.tell:
-        said.append(f"Turns that would tell ({len(found.tell)}):")
-        said += [f"  {number}. {proposal.words}" for number, proposal in enumerate(found.tell, start=1)]
-    return said
+    """What this recording cannot test, and which turns would."""
+    lines = [f"Not tested: {unseen_words(bound)}" for bound in found.bounds if not bound.is_seen]
+    return lines + [f"  {number}. {proposal.words}" for number, proposal in enumerate(found.to_test if lines else (), start=1)]

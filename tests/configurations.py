@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from session.base.records import record_of
 from session.base.results import Flag, Number
-from session.log.config import REFERENCES, Accelerometer, BoardGiven, Config, LeftOut, Protocol, Sensor, Site
+from session.log.config import REFERENCES, Accelerometer, BoardGiven, Config, LeftOut, Protocol, Sensor, Site, StillByHand
 from session.log.registers import DEFAULT
 from session.log.requirements import GUARDED, QUANTITIES, SIZES, Requirements, Rule
 
@@ -76,6 +76,7 @@ REQUIREMENTS = st.builds(Requirements, LIMITS, st.just(Rule()) | st.builds(Rule,
 NOTE = TEXTS | st.booleans() | st.integers(-(2**53), 2**53) | numbers(-1e9, 1e9) | st.datetimes() | st.dates()
 NOTES = st.dictionaries(TEXTS, NOTE, max_size=4)
 EXCLUDED = st.lists(st.builds(LeftOut, TEXTS, numbers(-1e9, 1e9)), max_size=3).map(tuple)
+STILLS = st.lists(drawn(StillByHand, log=TEXTS), max_size=3).map(tuple)
 CONFIGS = st.builds(
     Config,
     sensor=SENSORS,
@@ -84,6 +85,7 @@ CONFIGS = st.builds(
     protocol=PROTOCOLS,
     notes=NOTES,
     exclude=EXCLUDED,
+    still=STILLS,
     board=BOARDS,
     requirements=maybe(REQUIREMENTS),
 )
@@ -91,7 +93,9 @@ CONFIGS = st.builds(
 
 def difference(one: Config, other: Config) -> list[str]:
     """Names of what differs, but for what no session.toml says."""
-    found = [name for name in ("sensor", "site", "protocol", "exclude", "board", "notes") if getattr(one, name) != getattr(other, name)]
+    found = [
+        name for name in ("sensor", "site", "protocol", "exclude", "still", "board", "notes") if getattr(one, name) != getattr(other, name)
+    ]
     limits = [None if each.requirements is None else replace(each.requirements, source="") for each in (one, other)]
     found += ["requirements"] * (limits[0] != limits[1]) + ["unknown"] * bool(other.unknown)
     for name in ("accelerometer",):

@@ -244,7 +244,7 @@ def test_a_turn_is_left_out_by_a_moment_and_a_moment_that_cannot_be_is_said(good
     def found(*rows):
         return check_session(replace(good, config=replace(good.config, exclude=rows)))
 
-    assert "left out in session.toml" in of(found(LeftOut("log0001.csv", 23.5)), "turns").says
+    assert "left out by hand (session.toml)" in of(found(LeftOut("log0001.csv", 23.5)), "turns").says
     says = [each.says for each in found(LeftOut("log0001.csv", 500.0), LeftOut("log0009.csv", 3.0)) if each.what == "exclude"]
     assert says == [
         "log0001.csv at 500 s is left out, which lies outside of it",

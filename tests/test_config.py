@@ -9,8 +9,8 @@ from conftest import SESSION_TOML
 
 from session.base.errors import FormatError
 from session.base.units import STANDARD_GRAVITY_MPS2
-from session.log.config import Accelerometer, LeftOut, read_config
-from session.log.folder import add_exclude, add_notes
+from session.log.config import Accelerometer, LeftOut, StillByHand, read_config
+from session.log.folder import add_by_hand, add_notes, remove_by_hand
 from tinygc import CalibrationError
 from tinygc.reporting.html.markup import render
 
@@ -144,7 +144,7 @@ def file_of(tmp_path, text):
 def test_what_is_added_leaves_every_line_as_it_was(tmp_path, text):
     path = file_of(tmp_path, text)
     add_notes(path, {"place": "cellar", 'q"1"': 'say "hi"\\ 😀'})
-    add_exclude(path, LeftOut("log0001.csv", 12.5))
+    add_by_hand(path, LeftOut("log0001.csv", 12.5))
     add_notes(path, {"later": "x"})
     with path.open(encoding="utf-8", newline="") as file:
         now = file.read()
@@ -155,6 +155,34 @@ def test_what_is_added_leaves_every_line_as_it_was(tmp_path, text):
     assert config.notes['q"1"'] == 'say "hi"\\ 😀'
     assert config.exclude == (LeftOut("log0001.csv", 12.5),)
     assert not list(tmp_path.glob(".*"))
+
+
+ROWS = [LeftOut("log0001.csv", 12.5), StillByHand("log0001.csv", 1.25, 1.0, 2.5), StillByHand("log0002.csv", 3.75)]
+
+
+@pytest.mark.parametrize("text", [SESSION_TOML.rstrip("\n"), SESSION_TOML + NOTES, "\ufeff" + SESSION_TOML + "# the last word\n"])
+def test_what_a_person_changed_is_taken_back_to_the_same_text(tmp_path, text):
+    path = file_of(tmp_path, text)
+    texts = [path.read_bytes()]
+    for row in ROWS:
+        add_by_hand(path, row)
+        texts.append(path.read_bytes())
+    config = read_config(path)
+    assert (*config.exclude, *config.still) == tuple(ROWS)
+    for row, before in zip(reversed(ROWS), reversed(texts[:-1]), strict=True):
+        remove_by_hand(path, row)
+        assert path.read_bytes().rstrip(b"\n") == before.rstrip(b"\n")
+    with pytest.raises(FormatError, match=r"\[\[exclude\]\] of log0001.csv at 12.5 s is not there any more"):
+        remove_by_hand(path, ROWS[0])
+
+
+def test_a_row_in_a_persons_own_form_is_taken_back_among_others(tmp_path):
+    rows = "# why\n[[still]] # the door\nat_s = 3.75\nlog = 'log0002.csv'\n\n[[still]]\nlog = 'a.csv' # kept\nat_s = 1\n"
+    path = file_of(tmp_path, SESSION_TOML + rows)
+    remove_by_hand(path, ROWS[2])
+    assert read_config(path).still == (StillByHand("a.csv", 1),)
+    assert path.read_text(encoding="utf-8").startswith(SESSION_TOML.rstrip("\n"))
+    assert "# kept" in path.read_text(encoding="utf-8")
 
 
 def test_a_note_is_never_lost(tmp_path):
@@ -171,7 +199,7 @@ def test_a_form_that_cannot_be_added_to_is_left_alone(tmp_path):
     path = file_of(tmp_path, 'notes = {a = "b"}\nexclude = []\n' + SESSION_TOML)
     before = path.read_bytes()
     with pytest.raises(FormatError, match=r"no place to add to; put what you want to note below \[notes\] by hand"):
-        add_exclude(path, LeftOut("log0001.csv", 12.5))
+        add_by_hand(path, LeftOut("log0001.csv", 12.5))
     assert path.read_bytes() == before
     add_notes(path, {"c": "d"})
     assert read_config(path).notes == {"a": "b", "c": "d"}
@@ -185,7 +213,7 @@ def test_a_header_within_a_text_is_no_header(tmp_path):
 
 
 def test_the_report_shows_them_escaped():
-    config = SimpleNamespace(notes={"<b>who</b>": "<script>", "warm": True, "cold": False}, exclude=(LeftOut("<i>.csv", 3.0),))
+    config = SimpleNamespace(notes={"<b>who</b>": "<script>", "warm": True, "cold": False}, exclude=(LeftOut("<i>.csv", 3.0),), still=())
     html = render("notes.html", config=config)
     assert "<script>" not in html
     assert "&lt;script&gt;" in html

@@ -18,7 +18,7 @@ from session.base.toml import Note, parse_toml, setting
 from session.bench.clocks import ClockRatio
 from session.bench.events import CHIPS, SENSOR, STANDIN, BoardStatus, Info
 from session.log.config import Accelerometer, Config, LeftOut, Protocol, Sensor, Site, clock_words, config_of, read_config
-from session.log.folder import add_board, add_exclude, add_notes, set_sensor
+from session.log.folder import add_board, add_by_hand, add_notes, set_sensor
 from session.log.registers import DEFAULT, profile_of
 from session.log.written import toml_text
 
@@ -164,7 +164,7 @@ class SessionFile:
 
     def exclude(self, log: str, at_s: float) -> None:
         """Exclude the turn that moved at that moment of the log's clock."""
-        self._text = add_exclude(self.path, LeftOut(log, at_s)).encode()
+        self._text = add_by_hand(self.path, LeftOut(log, at_s)).encode()
 
     def excludes(self, log: str, at_s: float) -> bool:
         """Whether the file excludes that turn: the user may have withdrawn it."""

@@ -16,7 +16,7 @@ from session.detect.events import knocked
 from session.detect.findings import Correction, Finding, xyz_text
 from session.detect.rest_noise import RestSpectrum, rest_spectrum
 from session.detect.segments import LEAPS, FoundTurn, LogSegments, why_too_few
-from session.detect.stills import Noise, Still, UnusedRest, noise_floor, references
+from session.detect.stills import BY_HAND, Noise, Still, UnusedRest, noise_floor, references
 from session.log.config import Config, Sensor
 from session.log.logfile import Log
 from session.log.rests import RestLog, read_rest
@@ -56,7 +56,7 @@ def check_stills(where: str, stills: list[Still], blind: bool) -> list[Finding]:
     says = f"{len(good)} of {durations.min():.1f} to {durations.max():.1f} s (median {np.median(durations):.1f})"
     bumps = sum(still.bumps for still in good)
     findings = [Finding("ok", where, "stills", says + (f", {bumps} bumps survived" if bumps else ""))]
-    bad = [(number, still) for number, still in enumerate(stills) if still.problem]
+    bad = [(number, still) for number, still in enumerate(stills) if still.problem not in (None, BY_HAND)]
     if bad:
         listed = _first_few([f"still {number} at {still.start_s:.1f} s {still.problem}" for number, still in bad])
         says = f"{len(bad)} of {len(stills)} are no reference: {listed}"

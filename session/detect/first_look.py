@@ -53,7 +53,7 @@ from session.detect.findings import Finding, as_arguments, worst
 from session.detect.segments import FEWEST_SEGMENTS, Ends, Segment, cut_segments, known_turns, moments_of, session_segments
 from session.detect.signatures import FILTER, check_signatures, explains_others
 from session.detect.stills import Noise, SessionStills, Still, UnusedRest, references
-from session.log.config import HOST_CLOCK, Config, read_config
+from session.log.config import HOST_CLOCK, ByHand, Config, LeftOut, read_config
 from session.log.folder import Session, read_session
 from session.log.lines import BREAKS_OFF
 from session.log.logfile import Log, read_log
@@ -215,7 +215,7 @@ def check_session(session: Session, found: SessionStills | None = None) -> list[
             turns = _turns_of(as_fitted, cut, enough=True, run=True)
         unused = here.unused if log in session.logs and session.reference is None else ()
         findings += first_look(session, log, here.stills, here.noise, unused, turns)
-    findings += check_excluded(session)
+    findings += check_by_hand(session)
     if not explains_others(findings):
         findings += counted + check_leaps(parts)
         changes = any(finding.what == FILTER for finding in findings)  # the reason of what is not seen
@@ -241,19 +241,26 @@ def _check_keys(config: Config) -> list[Finding]:
     return findings
 
 
-def check_excluded(session: Session) -> list[Finding]:
-    """Turns that session.toml leaves out, in logs that are not there, or outside of them."""
-    findings = []
-    for row in session.config.exclude:
-        mine = [log.samples for log in session.logs if moments_of(log.path, [row])]
-        if not any(samples.t_ns[0] * NS <= row.at_s <= samples.t_ns[-1] * NS for samples in mine):
-            says = f"{row.log} at {row.at_s:g} s is left out, " + (
-                "which lies outside of it" if mine else "which is no log of this session"
-            )
-            findings.append(
-                Finding("warning", "session.toml", "exclude", says, "correct log and at_s (s of the log's clock), or remove it")
-            )
-    return findings
+def check_by_hand(session: Session) -> list[Finding]:
+    """What a person left out or changed (session.toml), in one line; and turns left out in logs that are not there, or outside of them."""
+    findings, count = [], dict.fromkeys(("segment", "still", "moved still"), 0)
+    rows: list[ByHand] = [*session.config.exclude, *session.config.still]
+    for row in rows:
+        logs = session.logs if isinstance(row, LeftOut) else (*session.logs, *session.closures)
+        mine = [log.samples for log in logs if moments_of(log.path, [row])]
+        if any(samples.t_ns[0] * NS <= row.at_s <= samples.t_ns[-1] * NS for samples in mine):
+            count["segment" if isinstance(row, LeftOut) else "still" if row.from_s is None else "moved still"] += 1
+            continue
+        where = "lies outside of it" if mine else "is no log of this session"
+        says, do = f"{row.log} at {row.at_s:g} s is left out, which {where}", "correct log and at_s (s of the log's clock), or remove it"
+        findings.append(Finding("warning", "session.toml", "exclude", says, do))
+    parts = [f"{number} {what}{'s' * (number > 1)} left out" for what, number in count.items() if number and what != "moved still"]
+    if number := count["moved still"]:
+        parts.append(f"the ends of {number} still{'s' * (number > 1)} moved")
+    return findings + ([Finding("note", "session.toml", CHANGED, f"{', '.join(parts)} by hand (session.toml)")] if parts else [])
+
+
+CHANGED = "by hand"
 
 
 def _read_what_there_is(folder: Path, error: CalibrationError) -> tuple[Session | None, list[Finding]]:

@@ -202,8 +202,9 @@ def _set(document: Any, cause: Correction, times: dict[str, float]) -> None:
     """Other settings of the sensor; moments that the file names, on another clock."""
     for key, value in cause.settings:
         document.setdefault("sensor", {})[key] = setting(value)
-    for row in document.get("exclude", []):
-        row["at_s"] = float(row["at_s"]) * times.get(str(row["log"]).removesuffix(".gz"), 1.0)
+    for row in (*document.get("exclude", []), *document.get("still", [])):
+        for key in [key for key in row if key.endswith("_s")]:
+            row[key] = float(row[key]) * times.get(str(row["log"]).removesuffix(".gz"), 1.0)
 
 
 def _note(folder: Path, done: Repaired) -> None:

@@ -15,8 +15,8 @@ from session.base.rotation import angle_between
 from session.base.texts import command_line
 from session.base.units import DEG, NS
 from session.detect.events import clips, gyro_reach_dps
-from session.detect.stills import LogStills, SessionStills, Still, references
-from session.log.config import LeftOut, Protocol, Sensor
+from session.detect.stills import BY_HAND, LogStills, SessionStills, Still, references
+from session.log.config import ByHand, LeftOut, Protocol, Sensor
 from session.log.folder import Session
 from session.log.logfile import KnownTurn, Log
 from session.log.samples import Samples
@@ -230,16 +230,14 @@ def run_ends(samples: Samples, stills: list[Still], sensor: Sensor, put_in: np.n
 
 # Turns that ``session.toml`` leaves out: each is found again by a moment in which it moved, whatever its number is.
 
-EXCLUDED = "left out in session.toml"
-
 
 def without_excluded(segments: list[Segment], samples: Samples, log: Path, rows: Sequence[LeftOut]) -> list[Segment]:
     """The segments of one log; those that hold one of its moments have a problem."""
     moments = moments_of(log, rows)
-    return [replace(s, problem=EXCLUDED) if any(moved_at(s, samples, at_s) for at_s in moments) else s for s in segments]
+    return [replace(s, problem=BY_HAND) if any(moved_at(s, samples, at_s) for at_s in moments) else s for s in segments]
 
 
-def moments_of(log: Path, rows: Sequence[LeftOut]) -> list[float]:
+def moments_of(log: Path, rows: Sequence[ByHand]) -> list[float]:
     """Of one log, packed or not, s of its clock."""
     return [row.at_s for row in rows if row.log.removesuffix(".gz") == log.name.removesuffix(".gz")]
 

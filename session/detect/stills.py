@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
+from session.base.errors import FormatError
 from session.base.numeric import runs_of, sigma_of, span_steps, weighted_median
 from session.base.rotation import angle_between
 from session.base.units import DEG, NS
+from session.log.config import StillByHand
 from session.log.folder import Session
 from session.log.logfile import Log
 from session.log.samples import Samples, once
@@ -443,6 +446,46 @@ def _knock_s(number: int, runs: list[tuple[int, int]], blocks: Blocks) -> float 
     return None
 
 
+# Stills that a person changed (``[[still]]`` of session.toml): each is found again by a moment in it.
+
+#: the problem of a still, and of a segment, that a person left out
+BY_HAND = "was left out by hand (session.toml)"
+
+
+def still_at(stills: Sequence[Still], samples: Samples, at_s: float) -> int | None:
+    """Number of the still that holds a moment of the samples' clock."""
+    return next((i for i, s in enumerate(stills) if samples.t_ns[s.start] * NS <= at_s <= samples.t_ns[s.stop - 1] * NS), None)
+
+
+def changed_by_hand(samples: Samples, stills: list[Still], rows: Sequence[StillByHand], where: str) -> list[Still]:
+    """The stills of one log, in their order: with the ends that a person gave them, or left out.  Raises FormatError, which begins with
+    ``where``, for a row that means no still, or for ends that none can have."""
+    changed, least = list(stills), block_size(samples.period_s)
+    for row in rows:
+        number, at = still_at(stills, samples, row.at_s), f"{where}, at {row.at_s:.2f} s"
+        if number is None:
+            raise FormatError(f"{at}: no still was found there (s of the log's clock); correct at_s, or remove the entry")
+        if row.from_s is None and row.to_s is None:
+            changed[number] = replace(stills[number], problem=BY_HAND)
+            continue
+        if row.from_s is None or row.to_s is None:
+            raise FormatError(f"{at}: only one end is given; give from_s and to_s, or neither to leave the still out")
+        start = int(np.searchsorted(samples.t_ns, round(row.from_s / NS), "left"))
+        stop = int(np.searchsorted(samples.t_ns, round(row.to_s / NS), "right"))
+        outside = row.from_s < samples.t_ns[0] * NS - EDGE_S or row.to_s > samples.t_ns[-1] * NS + EDGE_S
+        if outside or stop - start < least:
+            why = "outside of the log" if outside else f"shorter than {least * samples.period_s:.2g} s"
+            raise FormatError(f"{at}: from {row.from_s:.2f} to {row.to_s:.2f} s is {why}; correct from_s and to_s")
+        changed[number] = measure(samples, [(start, stop)], 1)
+    for before, after in pairwise(changed):
+        if after.start < before.stop:
+            raise FormatError(f"{where}: two stills overlap at {samples.t_ns[after.start] * NS:.2f} s; correct from_s and to_s")
+    return changed
+
+
+EDGE_S = 1e-6  #: a log's own end, as a decimal number has it
+
+
 # The stills of a session's logs and closure runs, each found once.
 
 #: calibrations whose matrices differ by less find the same stills: a scatter moves by 1 %, and ends a still at 2.4 times the noise's
@@ -452,17 +495,18 @@ NEARLY = 0.01
 @dataclass(frozen=True, eq=False)
 class LogStills:
     """One log: samples with the accelerometer's pre-calibration applied, stills in them, their noise (None where nothing is still);
-    still_s: how long a still should be, s."""
+    still_s: how long a still should be, s; detected: the same stills as they were found, where a person changed some."""
 
     samples: Samples
     stills: list[Still]
     noise: Noise | None
     still_s: float = 1.0
+    detected: list[Still] | None = None
 
     @cached_property
     def unused(self) -> list[UnusedRest]:
         """Rests that are no reference, with their reasons; found on first access."""
-        return unused_rests(self.samples, self.stills, self.still_s)
+        return unused_rests(self.samples, self.detected or self.stills, self.still_s)
 
 
 class SessionStills:
@@ -493,7 +537,7 @@ class SessionStills:
                 for still in found.stills
             ]
             noise = found.noise and replace(found.noise, accel=scatter(found.noise.accel))
-            again = LogStills(session.calibrated(log), stills, noise, found.still_s)
+            again = LogStills(session.calibrated(log), stills, noise, found.still_s, found.detected)
             if "unused" in found.__dict__:
                 again.__dict__["unused"] = found.unused
             other._found.append((log, again))
@@ -512,7 +556,11 @@ class SessionStills:
         for looked_at, found in self._found:
             if looked_at is log:
                 return found
-        samples, still_s = self._session.calibrated(log), self._session.config.protocol.still_s
-        found = LogStills(samples, *find_stills(samples, still_s), still_s)
+        samples, config = self._session.calibrated(log), self._session.config
+        stills, noise = find_stills(samples, config.protocol.still_s)
+        rows = [row for row in config.still if row.log.removesuffix(".gz") == log.path.name.removesuffix(".gz")]
+        where = f"{self._session.folder / 'session.toml'}: [[still]] of {log.path.name}"
+        mine = changed_by_hand(samples, stills, rows, where) if rows else stills
+        found = LogStills(samples, mine, noise, config.protocol.still_s, stills if rows else None)
         self._found.append((log, found))
         return found

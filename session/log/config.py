@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from datetime import date, time
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, TypeVar
 
 import numpy as np
 
@@ -349,10 +349,29 @@ class LeftOut:
 
 
 @dataclass(frozen=True)
+class StillByHand:
+    """A person's change of the still that was found around ``at_s`` seconds of its log's clock."""
+
+    #: name of its log
+    log: str
+    #: a moment of the still as it was found, s of the log's own clock
+    at_s: Annotated[float, Number(-1e11, 1e11)]
+    #: where it begins; with `to_s`. Without the two the still is left out, and the turns before and after it are one
+    from_s: Annotated[float | None, Number(-1e11, 1e11)] = None
+    #: where it ends
+    to_s: Annotated[float | None, Number(-1e11, 1e11)] = None
+
+
+#: what a person changed of a log
+ByHand = LeftOut | StillByHand
+R = TypeVar("R", LeftOut, StillByHand)
+
+
+@dataclass(frozen=True)
 class Config:
     """unknown: keys that nothing reads, each with the known key nearest to it, or None; model_given: whether the file names the sensor;
-    notes: the operator's notes, by name; exclude: turns that do not count; requirements: limits, None without any; sections: the
-    records of those that features read, by their names."""
+    notes: the operator's notes, by name; exclude: turns that do not count; still: stills that a person changed; requirements: limits,
+    None without any; sections: the records of those that features read, by their names."""
 
     schema: ClassVar[str] = SCHEMA
     sensor: Sensor
@@ -363,9 +382,27 @@ class Config:
     model_given: Annotated[bool, DERIVED] = True
     notes: Annotated[Mapping[str, Note], MapOf(NoteValue())] = field(default_factory=dict)
     exclude: tuple[LeftOut, ...] = ()
+    still: tuple[StillByHand, ...] = ()
     board: BoardGiven = field(default_factory=BoardGiven)
     requirements: Annotated[Requirements | None, RequirementsShape()] = None
     sections: Annotated[Mapping[str, Any], DERIVED] = field(default_factory=dict)
+
+    def on_time(self, time: Callable[[float], float]) -> Config:
+        """With the moments that a person named on another clock."""
+
+        def timed(row: R) -> R:
+            moved: dict[str, Any] = {key: time(value) for key, value in vars(row).items() if key.endswith("_s") and value is not None}
+            return replace(row, **moved)
+
+        return replace(self, exclude=tuple(map(timed, self.exclude)), still=tuple(map(timed, self.still)))
+
+    def with_names(self, name: Callable[[str], str | None]) -> Config:
+        """With other names of the logs that a person changed; without the rows of a log that has none."""
+
+        def named(rows: tuple[R, ...]) -> tuple[R, ...]:
+            return tuple(replace(row, log=new) for row in rows if (new := name(row.log)) is not None)
+
+        return replace(self, exclude=named(self.exclude), still=named(self.still))
 
 
 #: what a session.toml holds, but for the sections that features read

@@ -38,12 +38,14 @@ from session.base.toml import Note, add_lines, edited, parse_toml, toml_line, va
 from session.base.units import DEG
 from session.log.config import (
     Accelerometer,
+    ByHand,
     Config,
     LeftOut,
     NominalRate,
     Protocol,
     Sensor,
     Site,
+    StillByHand,
     config_of,
     read_config,
     reference_of,
@@ -215,11 +217,11 @@ class Session:
         require_empty(folder, "holds something already; give a new or an empty folder")
         names = {log.path.name: f"log{number:04d}.csv" for number, log in enumerate(self.logs, start=1)}
         plain = {old.removesuffix(".gz"): new for old, new in names.items()}
-        exclude = tuple(replace(row, log=plain.get(row.log.removesuffix(".gz"), row.log)) for row in self.config.exclude)
         own = self.config.accelerometer
         if own.source in ("stills", "prior"):  # estimated from these very stills
             own = replace(own, own_stills=True)
-        config = replace(self.config, exclude=exclude, accelerometer=own)
+        named = self.config.with_names(lambda name: plain.get(name.removesuffix(".gz"), name))
+        config = replace(named, accelerometer=own)
         text = toml_text(config, but=())
         config_of(Path(self.name), parse_toml(text, self.name))  # nothing is written that no reader takes
         with folder_whole(folder) as work:
@@ -291,9 +293,8 @@ class Session:
             comments = log.comments if stated_hz is None else log.comments | {"odr_hz": f"{stated_hz * ratio:.9g}"}
             return replace(log, samples=replace(log.samples, t_ns=t_ns), comments=comments, notes=(*log.notes, note))
 
-        exclude = tuple(replace(row, at_s=row.at_s / ratio) for row in self.config.exclude)
-        config = replace(self.config, sensor=replace(self.config.sensor, clock_ratio=None), exclude=exclude)
-        return replace(self.with_logs(timed), config=config)
+        config = self.config.on_time(lambda at_s: at_s / ratio)
+        return replace(self.with_logs(timed), config=replace(config, sensor=replace(config.sensor, clock_ratio=None)))
 
     def examined(self) -> tuple[Session, list[Any]]:
         """The session with its further reference as the recording shows it, and findings on it; without one it stays as it is."""
@@ -554,13 +555,38 @@ def add_board(path: Path, board: Mapping[str, str | float], remarks: Mapping[str
     return _replace(path, _ended(text) + f"\n[board]\n{lines}", table | {"board": dict(board)})
 
 
-def add_exclude(path: Path, row: LeftOut) -> str:
-    """Add a turn that does not count, and give the file's text."""
-    from session.log.written import exclude_text
+def add_by_hand(path: Path, row: ByHand) -> str:
+    """Add what a person changed of a turn or a still, and give the file's text."""
+    from session.log.written import by_hand_text
 
     text, table = _read(path)
-    more = {"log": unicode_text(row.log), "at_s": row.at_s}
-    return _replace(path, _ended(text) + exclude_text((row,)), table | {"exclude": [*table.get("exclude", []), more]})
+    key = KEYS[type(row)]
+    return _replace(path, _ended(text) + by_hand_text(row), table | {key: [*table.get(key, []), _stated(row)]})
+
+
+def remove_by_hand(path: Path, row: ByHand) -> str:
+    """Take such a change back, and give the file's text: what it was before, where nothing else has changed.  FormatError without it."""
+    from session.log.written import by_hand_text
+
+    text, table = _read(path)
+    key, mine = KEYS[type(row)], _stated(row)
+    rows = table.get(key, [])
+    if mine not in rows:
+        raise FormatError(f"{path}: [[{key}]] of {row.log} at {row.at_s:g} s is not there any more")
+    at = rows.index(mine)
+    left = [other for number, other in enumerate(rows) if number != at]
+    wanted = {name: value for name, value in table.items() if name != key} | ({key: left} if left else {})
+    as_added = text.replace(by_hand_text(row), "", 1)
+    if _parsed(as_added, str(path)) == wanted:
+        return _replace(path, as_added, wanted)
+    return _replace(path, edited(text, lambda document: document[key].pop(at) if left else document.pop(key)), wanted)
+
+
+KEYS = {LeftOut: "exclude", StillByHand: "still"}
+
+
+def _stated(row: ByHand) -> dict[str, Any]:
+    return {name: unicode_text(value) if isinstance(value, str) else value for name, value in vars(row).items() if value is not None}
 
 
 def _with_lines(text: str, section: str, lines: str) -> str:

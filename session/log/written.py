@@ -9,7 +9,7 @@ import numpy as np
 from session.base.records import stated
 from session.base.toml import Note, section_text, setting, toml_line
 from session.base.units import DEG, EARTH_RATE_RPS, MDPS
-from session.log.config import SCHEMA, Config, LeftOut
+from session.log.config import SCHEMA, ByHand, Config, LeftOut, StillByHand
 from session.log.logfile import COLUMNS, LOG, KnownTurn, Log
 
 # ``session.toml``: of a recording that begins, or of a session that is saved.
@@ -42,7 +42,7 @@ def toml_text(config: Config, but: tuple[str, ...] = OF_THESE_LOGS) -> str:
             section_text("notes", config.notes),
             section_text("requirements", requirements),
             *(section_text(name, stated(section)) for name, section in config.sections.items()),
-            exclude_text(config.exclude),
+            by_hand_text(*config.exclude, *config.still),
         ]
     )
 
@@ -52,9 +52,10 @@ def notes_text(notes: Mapping[str, Note]) -> str:
     return "".join(toml_line(name, value) for name, value in notes.items())
 
 
-def exclude_text(rows: tuple[LeftOut, ...]) -> str:
-    """``[[exclude]]`` of each turn."""
-    return "".join(f"\n[[exclude]]\n{toml_line('log', row.log)}{toml_line('at_s', row.at_s)}" for row in rows)
+def by_hand_text(*rows: ByHand) -> str:
+    """``[[exclude]]`` of each turn, ``[[still]]`` of each still that a person changed."""
+    names = {LeftOut: "[exclude]", StillByHand: "[still]"}
+    return "".join(section_text(names[type(row)], stated(row)) for row in rows)
 
 
 # Logs and tables.  A number is written with as many digits as give it back to the last bit.

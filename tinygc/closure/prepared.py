@@ -14,7 +14,7 @@ from session.detect.check_references import ACCELEROMETER, ZERO_DRIFT, drift_fin
 from session.detect.check_samples import BRIDGED, IMPACTS, with_bridges
 from session.detect.check_stills import TURNS
 from session.detect.findings import Finding, as_arguments, stop_at_errors
-from session.detect.first_look import check_session
+from session.detect.first_look import CHANGED, check_session
 from session.detect.stamp_errors import STAMPS
 from session.detect.stills import SessionStills
 from session.log.folder import Session, read_session
@@ -134,7 +134,7 @@ class Prepared:
         Stamps that err are said first, and no more is asked for beside them.
         """
         stamps = [f for f in self.findings if f.what in STAMPS and f.level == "warning"]
-        own = (BRIDGED, IMPACTS) if stamps else (ACCELEROMETER, BRIDGED, IMPACTS)
+        own = (CHANGED, BRIDGED, IMPACTS) if stamps else (CHANGED, ACCELEROMETER, BRIDGED, IMPACTS)
         said = () if self.session.reference is None else self.session.reference.said
         others = [f for f in self.findings if f.what not in STAMPS]
         return stamps + [f for f in others if f.level == "warning" or f.what in own or (f.what in said and f.level == "note")]

@@ -161,7 +161,7 @@ FAULTS = [
     ("[[array.unit]]\nnumber = 3\nsensor = 3\n", r"array\.unit\.sensor of unit 3 is 3, expected a table"),
     ("[[array.unit]]\nnumber = 3\nsensor.odr_hz = 'x'\n", r'session\.toml \(unit 3\): sensor\.odr_hz is "x"'),
     ("[accelerometer]\nbias_mps2 = [0, 0, 0]\n", r"\[accelerometer\] is of one unit"),
-    ('[[exclude]]\nlog = "log0001.unit9.csv"\nat_s = 1\n', r"exclude names log0001\.unit9\.csv; there are units 0, 3, 12"),
+    ('[[exclude]]\nlog = "log0001.unit9.csv"\nat_s = 1\n', r"\[\[still\]\] names log0001\.unit9\.csv; there are units 0, 3, 12"),
     ("[array]\nfolders = []\n", r"array\.folders is a list of 0, expected session folders"),
     ('[array]\nfolders = ["a", "b"]\n', r"lies next to session\.toml with \[array\] folders"),
 ]

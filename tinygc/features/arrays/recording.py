@@ -21,7 +21,7 @@ from session.base.results import Keys, require, shown
 from session.base.texts import printable
 from session.base.toml import read_toml
 from session.base.units import NS
-from session.log.config import DO, SHAPE, Config, LeftOut, config_of, read_session_toml
+from session.log.config import DO, SHAPE, Config, config_of, read_session_toml
 from session.log.folder import ATTITUDES, Session, read_logs, read_session
 from session.log.logfile import NAME as KNOWN_TURNS
 from tinygc.features.arrays.feature import FOLDERS, LARGEST_NUMBER, UNIT, array_section, array_size, unit_of
@@ -58,7 +58,7 @@ class ArraySession:
 # An array's folder as one record: logs that name their unit, or a list of session folders, one for each unit (arrays.md).
 
 #: sections that an array has for all of its units
-SHARED = {name: SHAPE.may[name] for name in ("notes", "exclude")}
+SHARED = {name: SHAPE.may[name] for name in ("notes", "exclude", "still")}
 #: of a unit's table: sections of session.toml that are a unit's own
 OWN_SECTIONS = ("sensor", "accelerometer")
 UNIT_KEYS = ("number", *OWN_SECTIONS)
@@ -150,7 +150,7 @@ def _by_names(folder: Path, path: Path, table: dict, section: dict, progress: To
     for number in numbers:
         config = _unit_config(path, table, own.get(number, {}), number)
         mine = {stem: [each for each in present if _number(each) == number] for stem, present in paths.items()}
-        config = replace(config, exclude=_excluded(path, config, mine["log"], number == numbers[0], numbers))
+        config = config.with_names(partial(_log_of_unit, path, mine["log"], number == numbers[0], numbers))
         if number == numbers[0]:
             config = replace(config, unknown=(*config.unknown, *unknown))
         units[number] = read_logs(folder, config, mine["log"], mine["closure"], mine["rest"], progress)
@@ -190,21 +190,16 @@ def _unknown(table: dict, known: Sequence[str], name: str) -> tuple[tuple[str, s
     return tuple((f"{name}.{key}", f"{name}.{found[0]}" if found else None) for key, found in near.items())
 
 
-def _excluded(path: Path, config: Config, logs: Sequence[Path], first: bool, numbers: Sequence[int]) -> tuple[LeftOut, ...]:
-    """Rows that name this unit's log; and, of the first unit, whose clock is the array's, those that name none."""
-    mine = []
-    for row in config.exclude:
-        unit = unit_of(Path(row.log))
-        name = row.log.removesuffix(".gz")
-        if unit is not None and unit[1] not in numbers:
-            raise FormatError(f"{path}: exclude names {row.log}; there are units {_listed(numbers)}")
-        if unit is None and first:
-            mine.append(LeftOut(_with_unit(Path(name)).replace(".unit0.", f".unit{numbers[0]}."), row.at_s))
-        elif any(each.name.removesuffix(".gz") == name for each in logs):
-            mine.append(row)
-        elif unit is not None and unit[1] == _number(logs[0]):
-            mine.append(row)  # of a log that is not there: check says so
-    return tuple(mine)
+def _log_of_unit(path: Path, logs: Sequence[Path], first: bool, numbers: Sequence[int], named: str) -> str | None:
+    """The log of this unit that a row of session.toml names; of the first unit, whose clock is the array's, one that names no unit."""
+    unit, name = unit_of(Path(named)), named.removesuffix(".gz")
+    if unit is not None and unit[1] not in numbers:
+        raise FormatError(f"{path}: an [[exclude]] or [[still]] names {named}; there are units {_listed(numbers)}")
+    if unit is None and first:
+        return _with_unit(Path(name)).replace(".unit0.", f".unit{numbers[0]}.")
+    if any(each.name.removesuffix(".gz") == name for each in logs) or (unit is not None and unit[1] == _number(logs[0])):
+        return named  # also of a log that is not there: check says so
+    return None
 
 
 def _by_folders(folder: Path, path: Path, table: dict, section: dict, progress: Told) -> dict[int, Session]:
@@ -217,7 +212,8 @@ def _by_folders(folder: Path, path: Path, table: dict, section: dict, progress: 
     if UNIT in section:
         raise FormatError(f"{path}: [[array.unit]] with array.folders; each folder's own session.toml describes its unit")
     require(table, Keys(may=SHARED), str(path), DO)
-    notes, rows = table.get("notes", {}), SHARED["exclude"].made(table.get("exclude", []))
+    notes = table.get("notes", {})
+    excluded, stills = (SHARED[key].made(table.get(key, [])) for key in ("exclude", "still"))
     places = [place_of(folder, path, name) for name in names]
     numbers = numbers_of(path, names)
     units = {}
@@ -229,9 +225,14 @@ def _by_folders(folder: Path, path: Path, table: dict, section: dict, progress: 
         config = session.config
         units[number] = replace(session, config=replace(config, notes={**notes, **config.notes}))
     first = units[min(units)]
-    others = tuple((key, None) for key in table if key not in ("schema", "array", "notes", "exclude"))
+    others = tuple((key, None) for key in table if key not in ("schema", "array", *SHARED))
     unknown = (*others, *_unknown(section, (FOLDERS, UNIT), "array"))
-    own = replace(first.config, exclude=(*first.config.exclude, *rows), unknown=(*first.config.unknown, *unknown))
+    own = replace(
+        first.config,
+        exclude=(*first.config.exclude, *excluded),
+        still=(*first.config.still, *stills),
+        unknown=(*first.config.unknown, *unknown),
+    )
     return {**units, min(units): replace(first, config=own)}
 
 

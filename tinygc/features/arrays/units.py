@@ -53,9 +53,8 @@ def on_array_clock(session: Session, clock: UnitClock) -> Session:
         stretched = first_ns + np.rint(t_ns * (1 + clock.rate)).astype(np.int64)
         return replace(log, samples=replace(samples, t_ns=stretched))
 
-    # left-out times are on the log's clock as well
-    exclude = tuple(replace(row, at_s=float(clock.array_time(np.array([row.at_s]))[0])) for row in session.config.exclude)
-    return replace(session.with_logs(moved), config=replace(session.config, exclude=exclude))
+    # what a person named is on the log's clock as well
+    return replace(session.with_logs(moved), config=session.config.on_time(lambda at_s: float(clock.array_time(np.array([at_s]))[0])))
 
 
 def prepare_units(

@@ -1,0 +1,116 @@
+"""What a person changes of a recording in session.toml: a turn left out, a still left out, a still's ends moved; and taken back."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from session.base.errors import FormatError
+from session.base.units import NS
+from session.detect.first_look import check_folder
+from session.detect.stills import SessionStills, measure
+from session.log.config import LeftOut, StillByHand
+from session.log.folder import add_by_hand, read_session, remove_by_hand
+from tinygc.closure.prepared import prepare
+from tinygc.estimation.options import FitOptions
+from tinygc.fitting.fit import fit_session
+
+SESSION = Path(__file__).resolve().parent.parent / "data" / "session1"
+LOG = "log0001.csv.gz"
+OPTIONS = FitOptions(methods=("least_squares",))
+
+
+@pytest.fixture
+def folder(tmp_path):
+    shutil.copytree(SESSION, tmp_path / "s")
+    (tmp_path / "s").chmod(0o755)
+    for path in (tmp_path / "s").rglob("*"):
+        path.chmod(0o755 if path.is_dir() else 0o644)
+    return tmp_path / "s"
+
+
+@pytest.fixture(scope="module")
+def untouched():
+    return fit_session(SESSION, OPTIONS)
+
+
+def times(problem, number):
+    """Of a still: its first and last stamp, s of the log's clock."""
+    still, t_ns = problem.stills[number], problem.logs[0].samples.t_ns
+    return float(t_ns[still.start] * NS), float(t_ns[still.stop - 1] * NS)
+
+
+def test_a_turn_left_out_is_in_no_fit_and_comes_back_to_the_same_bits(folder, untouched):
+    toml = folder / "session.toml"
+    before = toml.read_bytes()
+    row = LeftOut(LOG.removesuffix(".gz"), (times(untouched.problem, 6)[1] + times(untouched.problem, 7)[0]) / 2)
+    add_by_hand(toml, row)
+    without, asked = fit_session(folder, OPTIONS), fit_session(SESSION, FitOptions(methods=("least_squares",), exclude=(6,)))
+    assert [s.number for s in without.problem.segments if not s.accepted] == [6]
+    assert without.problem.segments[6].problem == "was left out by hand (session.toml)"
+    np.testing.assert_array_equal(without.linear.linear.vector, asked.linear.linear.vector)
+    assert not np.array_equal(without.linear.linear.vector, untouched.linear.linear.vector)
+    assert [f.says for f in without.warnings] == ["1 segment left out by hand (session.toml)"]
+    remove_by_hand(toml, row)
+    assert toml.read_bytes() == before
+    again = fit_session(folder, OPTIONS)
+    np.testing.assert_array_equal(again.linear.linear.vector, untouched.linear.linear.vector)
+    assert again.warnings == untouched.warnings
+
+
+def test_a_still_left_out_joins_its_turns(folder, untouched):
+    first, last = times(untouched.problem, 9)
+    add_by_hand(folder / "session.toml", StillByHand(LOG, (first + last) / 2))
+    prepared = prepare(folder)
+    assert len(prepared.problem.segments) == len(untouched.problem.segments) - 1
+    joined = prepared.problem.segments[8]
+    assert (joined.first.start, joined.last.start) == (untouched.problem.stills[8].start, untouched.problem.stills[10].start)
+    assert joined.note == "passes over a still that was left out by hand (session.toml)"
+    assert [f.says for f in prepared.warnings] == ["1 still left out by hand (session.toml)"]
+    found = [f for f in check_folder(folder) if f.what in ("by hand", "unused rests", "rests")]
+    assert [f.says for f in found if f.what == "by hand"] == ["1 still left out by hand (session.toml)"]
+
+
+def test_moved_ends_are_those_of_the_still(folder, untouched):
+    first, last = times(untouched.problem, 9)
+    t_ns, still = untouched.problem.logs[0].samples.t_ns, untouched.problem.stills[9]
+    add_by_hand(folder / "session.toml", StillByHand(LOG, (first + last) / 2, float(t_ns[still.start + 70] * NS), last))
+    prepared = prepare(folder)
+    moved = prepared.problem.stills[9]
+    assert (moved.start, moved.stop) == (still.start + 70, still.stop)
+    assert moved.bumps == 0
+    samples = prepared.problem.logs[0].samples
+    np.testing.assert_array_equal(moved.gyro_mean, measure(samples, [(still.start + 70, still.stop)], 1).gyro_mean)
+    assert prepared.problem.segments[9].first is moved
+    assert [f.says for f in prepared.warnings] == ["the ends of 1 still moved by hand (session.toml)"]
+    assert not np.array_equal(prepared.problem.first.vector, untouched.problem.first.vector)
+
+
+BAD = {
+    "no still was found there": lambda a, b, end: StillByHand(LOG, b + 1.0),
+    "only one end is given; give from_s and to_s": lambda a, b, end: StillByHand(LOG, a + 0.1, a),
+    "is shorter than 0.1 s; correct": lambda a, b, end: StillByHand(LOG, a + 0.1, b, a),
+    "is outside of the log; correct": lambda a, b, end: StillByHand(LOG, a + 0.1, a, end + 1.0),
+    "two stills overlap at": lambda a, b, end: StillByHand(LOG, a + 0.1, a, b + 4.0),
+}
+
+
+@pytest.mark.parametrize("says", BAD)
+def test_a_change_that_cannot_be_is_an_error_that_names_it(folder, untouched, says):
+    end = float(untouched.problem.logs[0].samples.t_ns[-1] * NS)
+    add_by_hand(folder / "session.toml", BAD[says](*times(untouched.problem, 9), end))
+    with pytest.raises(FormatError, match=says) as raised:
+        prepare(folder)
+    assert str(raised.value).startswith(f"{folder / 'session.toml'}: [[still]] of {LOG}")
+
+
+def test_a_saved_session_and_one_on_another_clock_keep_the_changes(folder, untouched, tmp_path):
+    first, last = times(untouched.problem, 9)
+    add_by_hand(folder / "session.toml", StillByHand(LOG, (first + last) / 2, first + 0.4, last))
+    session = read_session(folder)
+    saved = read_session(session.save(tmp_path / "saved"))
+    stills = [SessionStills(each).of(each.logs[0]).stills for each in (session, saved)]
+    assert saved.config.still[0].log == "log0001.csv"
+    assert [(s.start, s.stop) for s in stills[1]] == [(s.start, s.stop) for s in stills[0]]
+    assert session.config.on_time(lambda at_s: at_s / 2).still[0].from_s == (first + 0.4) / 2

@@ -132,7 +132,7 @@ def file_of(name: str) -> str:
 TYPED = re.compile(r"^## `(tinygc-\S+)`\n(?:(?!#|\|).*\n)*\| key \| type \| meaning \|\n.*\n((?:\|.*\n)+)", re.M)
 #: what parts types, but not within quotes
 UNQUOTED = r'(?=(?:[^"]*"[^"]*")*[^"]*$)'
-SHAPED = re.compile(r"(?:(list|[\dn×]+) of )?(.*)")
+SHAPED = re.compile(r"(list|[\dn×]+)\[(.*)\]")
 MARKED = re.compile(r"(.*?)(?:(\?)| (with|unless) `(\w+)`)?")
 
 
@@ -179,19 +179,19 @@ def _table_of(keys: dict[tuple[str, ...], str]) -> dict[str, Any]:
 
 def _type(text: str) -> dict[str, Any]:
     either = re.split(" or " + UNQUOTED, text)
-    if len(either) > 1:
+    if len(either) > 1 or (text.endswith("]/null") and (either := [text.removesuffix("/null"), "null"])):
         return {"anyOf": [_type(each) for each in either]}
-    shape, entry = SHAPED.fullmatch(text).groups()
-    words = re.split("/" + UNQUOTED, entry)
-    if entry.startswith("tinygc-"):
-        schema = {"$ref": file_of(entry)}
-    elif words[0] in TYPES:
-        schema = TYPES[entry] if len(words) == 1 else {"anyOf": [TYPES[word] for word in words]}
-    else:
-        schema = {"enum": [json.loads(word) for word in words]}
-    for count in reversed(shape.split("×") if shape else []):
-        schema = {"type": "array", "items": schema} | ({"minItems": int(count), "maxItems": int(count)} if count.isdigit() else {})
-    return schema
+    if listed := SHAPED.fullmatch(text):
+        schema = _type(listed[2])
+        for count in reversed(listed[1].split("×")):
+            schema = {"type": "array", "items": schema} | ({"minItems": int(count), "maxItems": int(count)} if count.isdigit() else {})
+        return schema
+    if text.startswith("tinygc-"):
+        return {"$ref": file_of(text)}
+    words = re.split("/" + UNQUOTED, text)
+    if words[0] in TYPES:
+        return TYPES[text] if len(words) == 1 else {"anyOf": [TYPES[word] for word in words]}
+    return {"enum": [json.loads(word) for word in words]}
 
 
 def json_schema(shape: Shape) -> dict[str, Any]:

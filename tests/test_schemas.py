@@ -32,10 +32,10 @@ def test_every_json_format_has_a_schema():
     [
         ("text", ["a"], [None, 1]),
         ("size/null", [0, 1.5, None], [-1]),
-        ("2 of share/null", [[0, None]], [[0], [0, 2], None]),
-        ("n×3 of number", [[], [[1, 2, 3]]], [[[1, 2]]]),
+        ("2[share/null]", [[0, None]], [[0], [0, 2], None]),
+        ("n×3[number]", [[], [[1, 2, 3]]], [[[1, 2]]]),
         ('"x, y"/"x or y"/1', ["x, y", "x or y", 1], ["x", 2]),
-        ('list of "x"/"y" or null', [[], ["y"], None], [["z"]]),
+        ('list["x"/"y"]/null', [[], ["y"], None], [["z"]]),
         ("numbers", [1, [[[1]]]], [[[[[1]]]], ["1"]]),
         ("parameter", [None, [1, None], "readings"], ["else"]),
     ],

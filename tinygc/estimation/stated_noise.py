@@ -51,9 +51,9 @@ MOST_SEGMENTS = 400
 #: names of sources of variance: of components, by their names; of the accelerometer's calibration and of gravity's length at the site
 COMPONENTS = {
     WANDER: BIAS_DRIFT,
-    STILL_RATE: "rates of the stills, each by itself",
+    STILL_RATE: "zero differs between rests",
     REFERENCE: "accelerometer, with attitude",
-    TURN: "turns, each by itself",
+    TURN: "unexplained, turn to turn",
     UNDERSAMPLED: "motion between the readings",
 }
 CALIBRATION, GRAVITY_LENGTH = "calibration of the accelerometer", "gravity of the site"

@@ -30,7 +30,7 @@ def test_the_overview_the_files_and_the_json_which_sums_to_the_models_covariance
     table, html = json.loads((tmp_path / "out" / "budget.json").read_text()), (tmp_path / "out" / "budget.html").read_text()
     assert not strangers(table)
     assert html.count('class="solid') > 50
-    assert "not in the sum: one effect that the model lacks" in html
+    assert "not in U: one effect missing from the model" in html
     assert table["monte_carlo"] is None
     for i, each in enumerate(table["budgets"][:12]):
         parts = [row["variance_si"] for row in each["sources"]]
@@ -53,7 +53,7 @@ def test_what_is_wrong_is_refused_in_one_line(folder, words, says, run):
 
 def test_in_python(fit):
     found = tinygc.budget(fit, motion="rest", seconds=10.0, of=("bias_x", "accelerometer_bias_x"))
-    assert [each.name for each in found.asked] == ["bias x", "accelerometer bias x"]
+    assert [each.name for each in found.chosen] == ["bias x", "accelerometer bias x"]
     assert found.to_json()["motion"] == "10 s at rest, at another switch-on"
     later = tinygc.budget(fit, motion="rest", seconds=10.0, elapsed_s=10.0)
     assert later.to_json()["motion"] == "10 s at rest, for this switch-on only"

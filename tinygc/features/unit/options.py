@@ -102,14 +102,14 @@ class HistoryOptions(Record):
 
 # What its numbers are worth: budget and certificate.
 
-USE = "the use whose attitude error is asked for"
+USE = "the use whose attitude error is stated"
 #: s: a use is at most a day
 MOST_S = 86400
 
 
 @dataclass(frozen=True)
 class BudgetOptions(Seed):
-    """How a calibration is used, and what is asked of its budget."""
+    """How a calibration is used, and which budgets are printed."""
 
     motion: Path | None = option(
         None,
@@ -144,7 +144,7 @@ class BudgetOptions(Seed):
     )
     monte_carlo: int = option(
         0,
-        "draw all errors anew, at most so often, fit each time, and compare (JCGM 101); exit 1 if they differ, 5 if so few do not decide",
+        "check by draws of all errors, at most so many, fitted each time (JCGM 101); exit 1 if they differ, 5 if too few",
         least=0,
     )
 

@@ -22,7 +22,7 @@ class Options(BudgetOptions, FitOptions, Command):
 
 
 def run(args: Options) -> int:
-    """Fit the session, and print the budget of what is asked for."""
+    """Fit the session, and print the budget of its quantities."""
     from tinygc.features.unit.budget.library import FILE, PAGE, budget
     from tinygc.inference.decide import KINDS
     from tinygc.reporting.terminal import progress_bar

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import floor, log10
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -22,6 +21,7 @@ from tinygc.estimation.options import FitOptions
 from tinygc.explanation.reported import ReportData
 from tinygc.features.unit.budget.monte_carlo import MonteCarlo, monte_carlo
 from tinygc.features.unit.budget.quantities import (
+    AS_USUAL,
     SHOWN,
     TOTAL,
     Budget,
@@ -45,14 +45,12 @@ from tinygc.reporting.terminal import Group
 
 SCHEMA = "tinygc-budget/1"
 FILE, PAGE = "budget.json", "budget.html"
-#: what is in no U here, and in that of requirements; each quantity's own table states its size
-WITHOUT = "without an effect that the model lacks"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class UncertaintyBudget(Kept):
     """Result of ``tinygc.budget``: ``parameters``, ``sensor_errors``, ``accelerometer``, ``attitude``: a ``Budget`` of each quantity;
-    ``asked``: those that were asked for; ``motion``: in words; ``when``: for which switch-on the attitude is."""
+    ``chosen``: those of ``of``; ``motion``: in words; ``seconds``: its length; ``when``: for which switch-on the attitude is."""
 
     FILES: ClassVar = (FILE, PAGE)
     name: str
@@ -61,8 +59,9 @@ class UncertaintyBudget(Kept):
     accelerometer: tuple[Budget, ...]
     attitude: tuple[Budget, ...]
     motion: str
+    seconds: float
     when: str
-    asked: tuple[Budget, ...] = ()
+    chosen: tuple[Budget, ...] = ()
     drawn: MonteCarlo | None = None
 
     def __repr__(self) -> str:
@@ -76,19 +75,31 @@ class UncertaintyBudget(Kept):
     @property
     def shown(self) -> tuple[Budget, ...]:
         """Those of the overview."""
-        return (*(each for each in self.sensor_errors if each.name.startswith(SHOWN)), *self.attitude)
+        return (*self.errors, *self.attitude)
+
+    @property
+    def errors(self) -> list[Budget]:
+        """The sensor errors of the overview."""
+        return [each for each in self.sensor_errors if each.name.startswith(SHOWN)]
 
     @property
     def page(self) -> Group:
         """The command's output, as a rich renderable."""
-        drawn: list[Part] = [] if self.drawn is None else ["", *drawn_page(self.drawn)]
-        if self.asked:
-            return screen([part for each in self.asked for part in (*whole(each), "")][:-1] + drawn)
-        title = f"Attitude after {self.motion}, {self.when}, about the axes of its start, 95 % (total: at least), {WITHOUT}"
-        errors = [each for each in self.shown if each not in self.attitude]
-        gyroscope = overview(f"Sensor errors, 95 %, the bias for this switch-on only, {WITHOUT}", errors)
-        force: list[Part] = [overview("Accelerometer, 95 %, for this switch-on only", self.accelerometer), ""] if self.accelerometer else []
-        return screen([gyroscope, "", *force, overview(title, self.attitude), *drawn])
+        drawn: list[Part] = [] if self.drawn is None else drawn_page(self.drawn)
+        if self.chosen:
+            return screen([*drawn, *(part for each in self.chosen for part in whole(each))])
+        errors = overview("Sensor errors, U of 95 %, the bias of this switch-on", self.errors)
+        attitude = overview(f"Attitude error after {self.motion}, U of 95 %", self.attitude)
+        return screen([*drawn, *self.headline, errors, attitude, "next: --of NAME shows all sources of one; --out DIR, a page of all"])
+
+    @property
+    def headline(self) -> list[str]:
+        """How far the attitude is off, and by which source most."""
+        total = self.attitude[-1]
+        answer = f"Attitude after {self.seconds:.0f} s: within {significant(total.expanded / total.si, 2)}° (95 %)"
+        source = total.largest[0].source.removesuffix(AS_USUAL)
+        cause = f"{100 * total.share(total.largest[0]):.0f} % from {source}."
+        return [f"{answer}, {cause}"] if len(answer) + len(cause) < 79 else [f"{answer}.", cause]
 
     def to_json(self) -> dict:
         """``tinygc-budget/1`` (docs/formats/unit.md)."""
@@ -98,23 +109,24 @@ class UncertaintyBudget(Kept):
                 "version": VERSION,
                 "session": self.name,
                 "motion": f"{self.motion}, {self.when}",
-                "budgets": [each.to_json() for each in (self.asked or self.budgets)],
+                "budgets": [each.to_json() for each in (self.chosen or self.budgets)],
                 "monte_carlo": None if self.drawn is None else self.drawn.to_json(),
             }
         )
 
     def html(self) -> str:
         """The budgets as one HTML document."""
-        errors = [each for each in self.shown if each not in self.attitude]
         colours, about = colours_of(self.shown), "Share of each source in the variance of each"
         sections: list[tuple[str, str, list[Part]]] = [
-            ("parameters", "Sensor errors", [bars(errors, f"{about} sensor error", colours), overview("", errors)]),
+            ("parameters", "Sensor errors", [bars(self.errors, f"{about} sensor error", colours), overview("", self.errors)]),
             (
                 "attitude",
                 f"Attitude after {self.motion}, {self.when}",
                 [bars(self.attitude, f"{about} angle", colours), overview("", self.attitude)],
             ),
         ]
+        if self.accelerometer:
+            sections.append(("accelerometer", "Accelerometer", [overview("", self.accelerometer)]))
         if self.drawn is not None:
             sections.append(("draws", "Monte Carlo (JCGM 101)", drawn_page(self.drawn)))
         sections.append(("tables", "Budgets", [part for each in self.shown for part in whole(each)]))
@@ -136,19 +148,19 @@ def budget_of_fit(result: FitResult, use: BudgetOptions, progress: Progress = un
     when = "at another switch-on" if use.elapsed_s is None else "for this switch-on only"
     force = tuple(accelerometer_budgets(result))
     parameters, errors = tuple(parameter_budgets(result)), tuple(sensor_error_budgets(result))
-    made = UncertaintyBudget(result.session.name, parameters, errors, force, tuple(attitude), motion.words, when)
+    made = UncertaintyBudget(result.session.name, parameters, errors, force, tuple(attitude), motion.words, motion.duration_s, when)
     chosen = []
     for name in use.of:
         if (found := named(made.budgets, name)) is None:
             known = ", ".join(each.name.replace(" ", "_") for each in made.budgets)
             raise CalibrationError(f"--of {printable(name)[:60]!r}: no such quantity; give one of {known}")
         chosen.append(found)
-    made = replace(made, asked=tuple(chosen))
+    made = replace(made, chosen=tuple(chosen))
     if not use.monte_carlo:
         return made
-    drawn = [each for each in made.asked if each not in made.accelerometer] or made.shown  # draws fit the gyroscope alone
-    judged = [each for each in drawn if each.name != TOTAL] or [each for each in attitude if each.name != TOTAL]
-    return replace(made, drawn=monte_carlo(result, motion, in_use, judged, use.monte_carlo, use.seed, progress))
+    drawn = [each for each in made.chosen if each not in made.accelerometer] or made.shown  # draws fit the gyroscope alone
+    checked = [each for each in drawn if each.name != TOTAL] or [each for each in attitude if each.name != TOTAL]
+    return replace(made, drawn=monte_carlo(result, motion, in_use, checked, use.monte_carlo, use.seed, progress))
 
 
 @public(BudgetOptions, FitOptions)
@@ -166,7 +178,7 @@ def budget(session: Session | Path | str, *, progress: Progress | None = None, *
     -------
     UncertaintyBudget
         ``parameters``, ``sensor_errors`` and ``attitude``: a ``Budget`` of each quantity with ``rows``, ``u``, ``freedom``, ``k``,
-        ``expanded``, ``beside``; ``drawn``; ``summary()``, ``html()``, ``to_json()``, ``save(folder)``.
+        ``expanded``, ``excluded``; ``drawn``; ``summary()``, ``html()``, ``to_json()``, ``save(folder)``.
 
     Raises
     ------
@@ -184,9 +196,9 @@ def budget(session: Session | Path | str, *, progress: Progress | None = None, *
 
     """
     use, options = records({"methods": ("least_squares",)} | choices, BudgetOptions, FitOptions)
-    said = progress or untold
-    found = session.result if is_fit(session) else fit_session(session_or_folder(session), options, said)  # type: ignore[union-attr]
-    return budget_of_fit(found, use, said)
+    report = progress or untold
+    found = session.result if is_fit(session) else fit_session(session_or_folder(session), options, report)  # type: ignore[union-attr]
+    return budget_of_fit(found, use, report)
 
 
 # What people see.
@@ -215,9 +227,9 @@ def bars(budgets: Sequence[Budget], about: str, colours: dict[str, str]) -> Pane
         positive, at = sum(max(row.variance, 0.0) for row in budget.rows), 0.0
         for row in budget.rows:
             share = 100 * max(row.variance, 0.0) / positive
-            says = [f"{budget.name}: {row.source} {100 * budget.share(row):.1f} %"]
+            notes = [f"{budget.name}: {row.source} {100 * budget.share(row):.1f} %"]
             kind, name = colours.get(row.source, COLOURS[-1]), row.source if row.source in keyed else ""
-            panel.area([at, at + share], n - 0.36, n + 0.36, kind, "solid", name=name, says=says)
+            panel.area([at, at + share], n - 0.36, n + 0.36, kind, "solid", name=name, says=notes)
             at += share
     return panel
 
@@ -231,18 +243,14 @@ def section(evidence: ReportData) -> Section | None:
         return None
     worst = max(budgets, key=lambda each: each.share(each.largest[0]))
     drawn = bars(budgets, "Share of each source in each sensor error", colours_of(budgets))
-    said = f"Each bar is the variance of one sensor error by its sources. {worst.name}: {largest_words(worst)}."
+    about = f"Each bar is the variance of one sensor error by its sources. {worst.name}: {largest_words(worst)}."
     more = "The tables, with degrees of freedom and coverage factors:"
-    html = facts.html([said, drawn, more]) + code(command_line("budget", evidence.fit.session.name))
+    html = facts.html([about, drawn, more]) + code(command_line("budget", evidence.fit.session.name))
     return Section("sources", "Where the uncertainty comes from", html)
 
 
-# The screen: an overview with the three largest sources of each quantity, or one whole table for each that is asked for.
+# The screen: an overview with the largest source of each quantity, or one whole table for each of ``of``.
 
-#: sources of each quantity in the overview
-MOST = 3
-#: significant digits of a sum of variances
-DIGITS = 5
 #: degrees of freedom from which k is that of infinitely many to four digits
 MANY = 1e4
 #: share of a row that is printed by itself
@@ -250,61 +258,54 @@ LEAST_SHARE = 5e-4
 
 
 def overview(title: str, budgets: Sequence[Budget]) -> Table:
-    """Value, U and k of each quantity, and what it owes most to."""
-    rows = [[each.name, *value_cells(each), each.shown_unit, f"{each.k:.2f}", largest_words(each)] for each in budgets]
-    return Table(title, ("", "value", "U", "unit", "k", "largest sources"), rows, left=(0, 3, 5), minor=(5,))
+    """Value and U of each quantity, and its largest source."""
+    rows = [[each.name.removeprefix("accelerometer "), *value_cells(each), each.shown_unit[0], largest_words(each)] for each in budgets]
+    return Table(title, ("", "value", "U", "unit", "largest source"), rows, left=(0, 3, 4), minor=(4,))
 
 
 def value_cells(budget: Budget) -> list[str]:
     """Value, where there is one, and U, with the digits that U justifies."""
-    value, _, expanded = measured((budget.value or 0.0) / budget.si, budget.expanded / budget.si).partition(" ± ")
+    si = budget.shown_unit[1]
+    value, _, expanded = measured((budget.value or 0.0) / si, budget.expanded / si).partition(" ± ")
     return ["" if budget.value is None else value, expanded]
 
 
 def largest_words(budget: Budget) -> str:
-    """``turns, each by itself 71 %, …``."""
-    shown = [row for row in budget.largest[:MOST] if budget.share(row) >= LEAST_IN_KEY]
-    return ", ".join(f"{row.source} {100 * budget.share(row):.0f} %" for row in shown)
+    """``unexplained, turn to turn 71 %``."""
+    return f"{budget.largest[0].source} {100 * budget.share(budget.largest[0]):.0f} %"
 
 
 def whole(budget: Budget) -> list[Part]:
-    """The table of one quantity, its sum, what it means and what stands beside it."""
-    table = Table(
-        heading(budget), ("source", "type", "dof", "size", "", "sensitivity", "u", "u²", "share, %"), cells_of(budget), left=(0, 1, 4)
-    )
-    return [table, sum_words(budget), *beside_words(budget)]
+    """The answer for one quantity, the table of its sources, and what is not in the sum."""
+    table = Table("", ("source", "type", "dof", "size", "", "u", "share, %"), cells_of(budget), left=(0, 1, 4))
+    return [answer_words(budget), table, *excluded_words(budget)]
 
 
-def heading(budget: Budget) -> str:
-    """The quantity, its value and unit."""
-    value = "" if budget.value is None else f" = {' ± '.join(value_cells(budget))}"
-    return f"{', '.join(filter(None, (budget.name, budget.shown_unit)))}{value}"
+def answer_words(budget: Budget) -> str:
+    """``bias x: 0.6302 ± 0.0022 dps (95 %, k = 2.57, 5 dof)``."""
+    dof = "" if budget.freedom >= MANY else f", {freedom_words(np.floor(budget.freedom))} dof"
+    conservative = ", conservative" * (budget.name == TOTAL)  # three angles in one, more than 95 % where no axis dominates
+    value = " ± ".join(filter(None, value_cells(budget)))
+    return f"{budget.name}: {value} {budget.shown_unit[0]} (95 %, k = {budget.k:.2f}{dof}{conservative})"
 
 
 def cells_of(budget: Budget) -> list[list[str]]:
-    """The rows of a table as text, the largest first, those too small to print as one; u² and share add up to their last row."""
+    """The rows of a table as text, the largest first, those too small to print as one; the shares add up to their last row."""
     large = [row for row in budget.largest if abs(budget.share(row)) >= LEAST_SHARE]
     small = [row for row in budget.largest if abs(budget.share(row)) < LEAST_SHARE]
-    si2 = budget.si**2
-    squares = [row.variance / si2 for row in large] + [sum(row.variance for row in small) / si2] * bool(small)
-    exponent = floor(log10(budget.variance / si2)) if budget.variance > 0 else 0
-    exponent = exponent if abs(exponent) >= DIGITS else 0
-    decimals = decimals_of(budget.variance / si2 / 10.0**exponent, DIGITS)
-    power, shown = f"e{exponent}" if exponent else "", apportioned([square / 10.0**exponent for square in squares], decimals)
-    shares = apportioned([100 * square * si2 / budget.variance for square in squares], 1)
-    cells = [[row.source, row.kind, freedom_words(row.freedom), *_size_cells(budget, row), significant(row.u / budget.si)] for row in large]
+    of_small, si = max(sum(row.variance for row in small), 0.0), budget.shown_unit[1]
+    shares = apportioned([100 * budget.share(row) for row in large] + [100 * of_small / budget.variance] * bool(small), 1)
+    cells = [[row.source, row.kind, freedom_words(row.freedom), *_size_cells(row), significant(row.u / si, 2)] for row in large]
     if small:
-        cells.append([f"{len(small)} further, each below {100 * LEAST_SHARE:g} %", *[""] * 5, significant(np.sqrt(max(squares[-1], 0.0)))])
-    cells.append(["sum", "", freedom_words(np.floor(budget.freedom)), "", "", "", significant(budget.u / budget.si)])
-    shown.append(round(sum(shown), decimals))
-    shares.append(round(sum(shares), 1))
-    return [[*row, f"{square:.{decimals}f}{power}", f"{share:.1f}"] for row, square, share in zip(cells, shown, shares, strict=True)]
+        cells.append(
+            [f"{len(small)} more, each below {100 * LEAST_SHARE:g} %", *[""] * 4, significant(np.sqrt(of_small) / si, 2)]
+        )
+    cells.append(["sum", "", freedom_words(np.floor(budget.freedom)), "", "", significant(budget.u / si, 2)])
+    return [[*row, f"{share:.1f}"] for row, share in zip(cells, [*shares, round(sum(shares), 1)], strict=True)]
 
 
-def _size_cells(budget: Budget, row: Row) -> list[str]:
-    if not row.size:
-        return [NONE, "", NONE]
-    return [significant(row.size), row.size_unit, significant(abs(row.u) / budget.si / row.size)]
+def _size_cells(row: Row) -> list[str]:
+    return [significant(row.size), row.size_unit] if row.size else [NONE, ""]
 
 
 def freedom_words(freedom: float) -> str:
@@ -312,38 +313,29 @@ def freedom_words(freedom: float) -> str:
     return f"{freedom:.0f}" if freedom < MANY else "∞"
 
 
-def sum_words(budget: Budget) -> str:
-    """Combined and expanded uncertainty in one line."""
-    u, expanded = budget.u / budget.si, budget.expanded / budget.si
-    unit = f" {budget.shown_unit}".rstrip()
-    of = "" if budget.freedom >= MANY else f" with {freedom_words(np.floor(budget.freedom))} effective degrees of freedom"
-    share = "95 %" if budget.name != TOTAL else "at least 95 %, and more where no axis dominates"
-    return f"u = {significant(u)}{unit}; U = {significant(expanded)}{unit}: k = {budget.k:.2f}, {share}{of}"
-
-
-def beside_words(budget: Budget) -> list[str]:
-    """What is not in the sum, a line for each."""
-    unit = f" {budget.shown_unit}".rstrip()
-    sizes = ["" if each.u is None else f"{significant(each.u / budget.si)}{unit}; " for each in budget.beside]
-    return [f"not in the sum: {printable(each.what)}: {size}{printable(each.why)}" for each, size in zip(budget.beside, sizes, strict=True)]
+def excluded_words(budget: Budget) -> list[str]:
+    """What is not in U, a line for each."""
+    unit, si = budget.shown_unit
+    amounts = [f" ({each.why})" if each.u is None else f", {significant(each.u / si, 2)} {unit}" for each in budget.excluded]
+    return [printable(f"not in U: {each.what}{amount}") for each, amount in zip(budget.excluded, amounts, strict=True)]
 
 
 def drawn_page(drawn: MonteCarlo) -> list[Part]:
-    """What the draws say of the budgets."""
-    header = ("", "unit", "u", "drawn", "95 % by u", "drawn from", "to", "stable digits", "apart", "allowed", "", "cover, %")
+    """What the draws show of the budgets."""
     rows = []
     for each in drawn.quantities:
-        sizes = [significant(value / each.si) for value in (each.u, each.drawn_u, each.half, each.low, each.high)]
-        ends = [str(each.digits), significant(each.apart / each.si), significant(each.tolerance / each.si), each.answer]
-        rows.append([each.name, "" if each.unit == "1" else each.unit, *sizes, *ends, f"{100 * drawn.coverage[each.name]:.1f}"])
-    return [Table(f"Monte Carlo (JCGM 101): {drawn.words}", header, rows, left=(0, 1, 10)), source_words(drawn)]
+        si = 1e-6 if each.unit == "1" else each.si
+        sizes = [significant(value / si) for value in (each.u, each.drawn_u, each.apart, each.tolerance)]
+        rows.append([each.name, "ppm" if each.unit == "1" else each.unit, *sizes, each.answer])
+    table = Table("", ("", "unit", "u", "drawn", "apart", "allowed", ""), rows, left=(0, 1, 6))
+    return [f"Monte Carlo {drawn.words}", table, *source_words(drawn)]
 
 
-def source_words(drawn: MonteCarlo) -> str:
+def source_words(drawn: MonteCarlo) -> list[str]:
     """The variance by source that is farthest from the budget's, and what chance allows."""
-    far, failed = drawn.farthest, f"; {drawn.failed} fits did not converge" if drawn.failed else ""
-    where = f"{far.parameter} by {far.source}: drawn / budget = {far.ratio:.2f}, {far.sigmas:+.1f} sigmas"
-    return f"of {len(drawn.sources)} variances by source the farthest: {where} (by chance up to {drawn.sigmas_by_chance:.1f}){failed}"
+    far, limit = drawn.farthest, f"limit {drawn.sigmas_by_chance:.1f}"
+    failed = [f"{drawn.failed} fits did not converge."] if drawn.failed else []
+    return [f"Farthest: {far.parameter} by {far.source}, {far.sigmas:+.1f} sigmas ({limit})", *failed]
 
 
 # A printed column adds up to its printed sum: the last digits are shared out by the largest remainders.
@@ -357,8 +349,3 @@ def apportioned(values: Sequence[float], decimals: int) -> list[float]:
     missing = round(float(np.sum(scaled))) - int(np.sum(down))
     down[np.argsort(-(scaled - down), kind="stable")[:missing]] += 1
     return [float(value) / scale for value in down]
-
-
-def decimals_of(value: float, digits: int) -> int:
-    """Decimals with which a value has so many significant digits, 0 or more."""
-    return max(0, digits - 1 - floor(log10(abs(value)))) if value else digits

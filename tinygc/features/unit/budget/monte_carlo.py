@@ -229,8 +229,8 @@ class MonteCarlo:
 
     @property
     def words(self) -> str:
-        """How many draws there were, and the answer."""
-        return f"{self.draws} draws of all sources, {self.draws_by_source} of each alone, seed {self.seed}: {self.answer}"
+        """The answer, and how many draws there were."""
+        return f"{self.answer}: {self.draws} draws of all sources, {self.draws_by_source} of each alone"
 
     def to_json(self) -> dict:
         """``monte_carlo`` of ``tinygc-budget/1``."""
@@ -262,7 +262,7 @@ def monte_carlo(
         checks += _source_checks(source, moved, result.covariance)
     root = _root(sum((source.covariance for source in in_use), np.zeros((3, 3))))
     deviations: list[np.ndarray] = []
-    judged: list[QuantityCheck] = []
+    checked_quantities: list[QuantityCheck] = []
     while len(deviations) < draws:
         progress("draws of all sources", len(deviations), draws)
         block = min(BLOCK, draws - len(deviations))
@@ -271,14 +271,14 @@ def monte_carlo(
         deviations += found
         if len(found) < block / 2:
             break
-        judged = [_quantity_check(budget, np.array(deviations)[:, i]) for i, budget in enumerate(budgets)]
-        if all(each.digits == 2 for each in judged):
+        checked_quantities = [_quantity_check(budget, np.array(deviations)[:, i]) for i, budget in enumerate(budgets)]
+        if all(each.digits == 2 for each in checked_quantities):
             break
-    if not checks or not judged:
+    if not checks or not checked_quantities:
         raise CalibrationError("--monte-carlo: no fit of the drawn data converged; leave it out")
     coverage = {budget.name: _coverage_of(budget, redrawn.rng) for budget in budgets}
     bound = float(ndtri(1 - BY_CHANCE / 2 / max(len(checks), 1)))
-    return MonteCarlo(seed, len(deviations), alone, failed, tuple(judged), tuple(checks), bound, coverage)
+    return MonteCarlo(seed, len(deviations), alone, failed, tuple(checked_quantities), tuple(checks), bound, coverage)
 
 
 def _converged(redrawn: _Redrawn, sources: Sequence[Source], count: int) -> Iterator[np.ndarray]:

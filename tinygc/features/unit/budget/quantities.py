@@ -1,5 +1,5 @@
 """The budgets of a fit: its twelve parameters, the errors of both sensors in the field's words, the attitude after a motion; and what a
-calibration is used for.  Of each quantity: the sources of its variance, what stands beside the sum, and the expanded uncertainty.
+calibration is used for.  Of each quantity: the sources of its variance, what is not in the sum, and the expanded uncertainty.
 
     u^2 = sum u_i^2          c_i = u_i / size of the source          U = k u,  k = t_p(nu_eff)
 
@@ -41,12 +41,10 @@ from tinygc.reporting.fit_text import sensor_errors
 
 #: sensor errors of the overview, and of a report's bars
 SHOWN = ("scale factor error", "misalignment", "bias")
-#: what a budget says of a source that it cannot have
-NOT_KNOWN, LACKS = "not known", "one effect that the model lacks"
-STILL_ALLOWED = "the largest that this recording still allows (fit: systematic)"
-#: and of an Earth's rate that is left in the rates
-NO_LATITUDE = "no site.latitude_deg in session.toml, or --no-earth"
-#: what a clock moves by less than this share of its own error is not said to depend on it
+MISSING_EFFECT, STILL_ALLOWED = "one effect missing from the model", "the largest that this recording allows (fit: systematic)"
+#: what a usual spread between switch-ons asks for
+GIVE_SPREAD = "give --history"
+#: what a clock moves by less than this share of its own error does not depend on it
 LEAST_OF_CLOCK = 0.01
 
 
@@ -72,8 +70,8 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Beside:
-    """What is known to move the quantity and is not in the sum: what; u in SI, None where nobody knows it; why, in words."""
+class Excluded:
+    """What is known to move the quantity and is not in the sum: what; u in SI, None where it is not known; why, or what to give."""
 
     what: str
     u: float | None
@@ -86,19 +84,19 @@ class Beside:
 
 @dataclass(frozen=True)
 class Budget:
-    """The budget of one quantity: name; unit and its SI value; value in SI, None for an error that is expected to be zero; rows; beside."""
+    """The budget of one quantity: name; unit and its SI value; value in SI, None of an error about zero; rows; excluded."""
 
     name: str
     unit: str
     si: float
     value: float | None
     rows: tuple[Row, ...]
-    beside: tuple[Beside, ...] = ()
+    excluded: tuple[Excluded, ...] = ()
 
     @property
-    def shown_unit(self) -> str:
-        """The unit, empty of a number without one."""
-        return "" if self.unit == "1" else self.unit
+    def shown_unit(self) -> tuple[str, float]:
+        """The unit that people read, and its SI value: ppm of a number without one."""
+        return ("ppm", 1e-6) if self.unit == "1" else (self.unit, self.si)
 
     @property
     def variance(self) -> float:
@@ -162,7 +160,7 @@ class Budget:
                 }
                 for row in self.rows
             ],
-            "not_in_the_sum": [each.to_json(self.si) for each in self.beside],
+            "not_in_the_sum": [each.to_json(self.si) for each in self.excluded],
         }
 
 
@@ -174,14 +172,14 @@ def budget_of(
     sources: Iterable[Source],
     slopes: np.ndarray,
     sizes: dict[str, tuple[float, str]],
-    beside: Sequence[Beside],
+    excluded: Sequence[Excluded],
 ) -> Budget:
     """The budget of a quantity whose variance is the sum of those with these derivatives (K, P) by what the sources are of."""
     rows = (
         Row(source.name, source.kind, source.freedom, float(source.variance(slopes).sum()), *sizes.get(source.name, (None, "")))
         for source in sources
     )
-    return Budget(name, unit, si, value, tuple(rows), tuple(beside))
+    return Budget(name, unit, si, value, tuple(rows), tuple(excluded))
 
 
 # Those of a fit.
@@ -194,7 +192,7 @@ def parameter_budgets(result: FitResult) -> list[Budget]:
     for i, name in enumerate(NAMES):
         unit, si = ("dps", DEG) if name in NAMES[BIAS] else ("1", 1.0)
         slope = np.eye(PARAMETERS)[i]
-        found.append(budget_of(name, unit, si, float(vector[i]), result.sources, slope[None], sizes, _beside_parameter(result, slope)))
+        found.append(budget_of(name, unit, si, float(vector[i]), result.sources, slope[None], sizes, _excluded_of_parameter(result, slope)))
     return found
 
 
@@ -206,8 +204,8 @@ def sensor_error_budgets(result: FitResult) -> list[Budget]:
     for quantity, slope in zip(sensor_errors(result), field_jacobian(vector), strict=True):
         if quantity.observed:
             name, si = quantity.name, units[quantity.word]
-            beside = _beside_parameter(result, slope)
-            found.append(budget_of(name, quantity.unit, si, quantity.value * si, result.sources, slope[None], sizes, beside))
+            excluded = _excluded_of_parameter(result, slope)
+            found.append(budget_of(name, quantity.unit, si, quantity.value * si, result.sources, slope[None], sizes, excluded))
     return found
 
 
@@ -220,9 +218,9 @@ def accelerometer_budgets(result: FitResult) -> list[Budget]:
                 continue
             at, si = ACCELEROMETER_NAMES.index(name), UNITS[unit]
             other = float(np.sqrt(2) * found.between.sigma[at])
-            beside = [Beside("another switch-on", other, f"{found.between.source}; counts in any other session")] if other else []
+            excluded = [Excluded("another switch-on", other, f"{found.between.source}; counts in any other session")] if other else []
             called = f"accelerometer {word} {name.split()[-1]}"
-            budgets.append(budget_of(called, unit, si, value * si, found.sources, found.slope[at][None], sizes, beside))
+            budgets.append(budget_of(called, unit, si, value * si, found.sources, found.slope[at][None], sizes, excluded))
     return budgets
 
 
@@ -234,51 +232,51 @@ def use_budgets(result: FitResult, use: BudgetOptions) -> tuple[Motion, list[Bud
     sizes, slope = _source_sizes(result) | more, motion.slope(result.linear.linear)
     found = []
     for name, of in zip((*ATTITUDE, TOTAL), (*np.eye(3)[:, None], np.eye(3)), strict=True):
-        found.append(budget_of(name, "°", DEG, None, sources, of, sizes, _beside_use(result, use, of @ slope, assumed)))
+        found.append(budget_of(name, "°", DEG, None, sources, of, sizes, _excluded_of_use(result, use, of @ slope, assumed)))
     return motion, found, sources[len(result.sources) :]
 
 
 # What moves a quantity and is not in its sum.
 
 
-def _beside_parameter(result: FitResult, slope: np.ndarray) -> list[Beside]:
-    """Of a quantity with this derivative (12,) by the parameters: one effect that nobody modelled, another switch-on, an Earth's rate that
-    is left out, a clock that nobody knows."""
+def _excluded_of_parameter(result: FitResult, slope: np.ndarray) -> list[Excluded]:
+    """Of a quantity with this derivative (12,) by the parameters: one effect missing from the model, another switch-on, an Earth's rate
+    that is left out, a clock that is not known."""
     found = list(_clock(result, slope))
     if result.allowed is not None:
-        found.append(Beside(LACKS, float(result.allowed.of(slope[None])[0]), STILL_ALLOWED))
+        found.append(Excluded(MISSING_EFFECT, float(result.allowed.of(slope[None])[0]), STILL_ALLOWED))
     else:
-        found.append(Beside(LACKS, None, "the noise of this recording is not estimated"))
+        found.append(Excluded(MISSING_EFFECT, None, "this recording's noise is not estimated"))
     if np.abs(slope[BIAS]).any():
         spread = result.spread.at(ZERO)
         if spread.is_usual:
-            found.append(Beside(SWITCH_ON, None, f"{NOT_KNOWN}: give --history, or sensor.gyro_bias_repeatability_dps"))
+            found.append(Excluded(SWITCH_ON, None, GIVE_SPREAD))
         else:
             u = float(np.sqrt(2 * np.sum((slope[BIAS] * spread.sigma) ** 2)))
-            found.append(Beside(SWITCH_ON, u, f"{spread.source}; counts in any other session"))
+            found.append(Excluded(SWITCH_ON, u, f"{spread.source}; counts in any other session"))
     if (left := earth_left_out(result)) is not None:
-        found.append(Beside("the Earth's rate", float(np.sqrt(slope @ left @ slope)), f"left in the rates: {NO_LATITUDE}"))
+        found.append(Excluded("the Earth's rate", float(np.sqrt(slope @ left @ slope)), "give site.latitude_deg"))
     return found
 
 
-def _clock(result: FitResult, slope: np.ndarray) -> Iterator[Beside]:
+def _clock(result: FitResult, slope: np.ndarray) -> Iterator[Excluded]:
     """Of quantities with this derivative (..., 12): a clock that is not known, where it moves them, as it scales E and B together."""
     vector = result.linear.linear.vector
     if not result.session.clock_known and np.abs(slope @ vector).max() > LEAST_OF_CLOCK * np.linalg.norm(vector):
-        yield Beside(CLOCK, None, f"{NOT_KNOWN} how far the clock of the stamps is off, and with it the scale: give sensor.clock_sigma_ppm")
+        yield Excluded(CLOCK, None, "give sensor.clock_sigma_ppm")
 
 
-def _beside_use(result: FitResult, use: BudgetOptions, slope: np.ndarray, assumed: tuple[str, ...]) -> list[Beside]:
+def _excluded_of_use(result: FitResult, use: BudgetOptions, slope: np.ndarray, assumed: tuple[str, ...]) -> list[Excluded]:
     found = list(_clock(result, slope))
     if result.allowed is not None:
-        found.append(Beside(LACKS, float(np.sqrt(np.sum(result.allowed.of(slope) ** 2))), STILL_ALLOWED))
+        found.append(Excluded(MISSING_EFFECT, float(np.sqrt(np.sum(result.allowed.of(slope) ** 2))), STILL_ALLOWED))
     if use.warmer_k is None:
-        found.append(Beside(TEMPERATURE, None, f"{NOT_KNOWN}: give --warmer"))
+        found.append(Excluded(TEMPERATURE, None, "give --warmer"))
     if use.elapsed_s is not None and not result.problem.instability.rps:
-        found.append(Beside(DRIFT_SINCE, None, f"{NOT_KNOWN}: give sensor.gyro_bias_instability_dph"))
+        found.append(Excluded(DRIFT_SINCE, None, "give sensor.gyro_bias_instability_dph"))
     for name in assumed:
-        give = "; give --history, or sensor.gyro_bias_repeatability_dps" if name == USUAL_SWITCH_ON else ""
-        found.append(Beside(f"the unit's own {name.removesuffix(', as usual')}", None, f"in the sum is a usual size{give}"))
+        give = GIVE_SPREAD if name == USUAL_SWITCH_ON else "U has a usual size"
+        found.append(Excluded(f"this unit's own {name.removesuffix(AS_USUAL)}", None, give))
     return found
 
 
@@ -292,7 +290,7 @@ def earth_left_out(result: FitResult) -> np.ndarray | None:
     return columns @ unseen_covariance(problem.earth, problem.session.config.site.latitude_deg) @ columns.T
 
 
-# The size of each source, in a unit that a person knows.
+# The size of each source, in a usual unit.
 
 
 def _source_sizes(result: FitResult) -> dict[str, tuple[float, str]]:
@@ -315,7 +313,7 @@ def _source_sizes(result: FitResult) -> dict[str, tuple[float, str]]:
         found[SINGLE_SEGMENTS] = (float(np.sqrt(np.mean([each.sigma_rad**2 for each in problem.widened]))) / DEG, "°")
     if result.noise is not None:
         for s, component in zip(result.noise.noise.s, result.noise.noise.components, strict=True):
-            found[COMPONENTS[component.name]] = (float(s / component.si), component.unit)
+            found[COMPONENTS[component.name]] = (float(s / component.si), "°" if component.unit == "deg" else component.unit)
     if (joint := problem.joint) is None:
         found[CALIBRATION] = (PRECALIBRATION_MPS2 / MG, "mg")
     else:
@@ -335,8 +333,8 @@ def _source_sizes(result: FitResult) -> dict[str, tuple[float, str]]:
 
 def named(budgets: Sequence[Budget], name: str) -> Budget | None:
     """The budget with this name, written with blanks or underscores; None where there is none."""
-    asked = printable(name).replace("_", " ").casefold().removesuffix(" - 1")
-    return next((each for each in budgets if each.name.replace("_", " ").casefold().removesuffix(" - 1") == asked), None)
+    wanted = printable(name).replace("_", " ").casefold().removesuffix(" - 1")
+    return next((each for each in budgets if each.name.replace("_", " ").casefold().removesuffix(" - 1") == wanted), None)
 
 
 # The attitude after a motion, with the errors of the calibration and those of the use itself.
@@ -351,8 +349,9 @@ def named(budgets: Sequence[Budget], name: str) -> Budget | None:
 #: names of the sources of the use itself
 _NOISE_OF_USE, _DRIFT_OF_USE = f"{GYRO_NOISE}, in use", f"{BIAS_DRIFT}, in use"
 SWITCH_ON, TEMPERATURE = "bias of another switch-on", "temperature of the use"
-#: the same by the spread that is usual of MEMS gyroscopes, where nothing tells that of the unit
-USUAL_SWITCH_ON = "bias of another switch-on, as usual"
+#: the same by the spread that is usual of MEMS gyroscopes, where that of the unit is not known
+AS_USUAL = ", as usual"
+USUAL_SWITCH_ON = f"{SWITCH_ON}{AS_USUAL}"
 #: the drift in use less that in the session, of one switch-on
 DRIFT_SINCE = f"{BIAS_DRIFT} since the session"
 #: word for a sensor that lies still

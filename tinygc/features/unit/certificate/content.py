@@ -49,7 +49,7 @@ TITLE, DRAFT = "Calibration certificate", "Draft of a calibration certificate"
 #: bytes of a file that say whether it is a certificate
 ENOUGH = 4096
 #: what U holds beside the fit's own sources
-LACKING = "one effect that the model lacks"
+LACKING = "one effect missing from the model"
 #: what begins the first line of a file that no sensor wrote
 SIMULATED = "SIMULATED"
 #: bytes that are read of a first line, and how a packed file begins

@@ -46,7 +46,12 @@ class Screen:
     slow: bool = False
 
 
-SCREENS = (Screen("check good", r"READY"),)
+SCREENS = (
+    Screen("check good", r"READY"),
+    Screen("budget good", r"Attitude after 60 s: within [\d.]+° \(95 %\), 100 % from bias of another switch-on\.", slow=True),
+    Screen("budget good --of bias_x", r"bias x: [-\d.]+ ± [\d.]+ dps \(95 %, k = [\d.]+, \d+ dof\)", slow=True),
+    Screen("verify good good", r"UNDECIDED: the model was fitted to this very recording\.", code=5, before=("fit good",), slow=True),
+)
 
 
 def shown(sent: str) -> list[str]:

@@ -286,7 +286,12 @@ def answer_words(budget: Budget) -> str:
     dof = "" if budget.freedom >= MANY else f", {freedom_words(np.floor(budget.freedom))} dof"
     conservative = ", conservative" * (budget.name == TOTAL)  # three angles in one, more than 95 % where no axis dominates
     value = " ± ".join(filter(None, value_cells(budget)))
-    return f"{budget.name}: {value} {budget.shown_unit[0]} (95 %, k = {budget.k:.2f}{dof}{conservative})"
+    return f"{budget.name}: {with_unit(value, budget.shown_unit[0])} (95 %, k = {budget.k:.2f}{dof}{conservative})"
+
+
+def with_unit(value: str, unit: str) -> str:
+    """A number with its unit."""
+    return f"{value}{unit}" if unit == "°" else f"{value} {unit}"
 
 
 def cells_of(budget: Budget) -> list[list[str]]:
@@ -297,9 +302,7 @@ def cells_of(budget: Budget) -> list[list[str]]:
     shares = apportioned([100 * budget.share(row) for row in large] + [100 * of_small / budget.variance] * bool(small), 1)
     cells = [[row.source, row.kind, freedom_words(row.freedom), *_size_cells(row), significant(row.u / si, 2)] for row in large]
     if small:
-        cells.append(
-            [f"{len(small)} more, each below {100 * LEAST_SHARE:g} %", *[""] * 4, significant(np.sqrt(of_small) / si, 2)]
-        )
+        cells.append([f"{len(small)} more, each below {100 * LEAST_SHARE:g} %", *[""] * 4, significant(np.sqrt(of_small) / si, 2)])
     cells.append(["sum", "", freedom_words(np.floor(budget.freedom)), "", "", significant(budget.u / si, 2)])
     return [[*row, f"{share:.1f}"] for row, share in zip(cells, [*shares, round(sum(shares), 1)], strict=True)]
 
@@ -316,7 +319,7 @@ def freedom_words(freedom: float) -> str:
 def excluded_words(budget: Budget) -> list[str]:
     """What is not in U, a line for each."""
     unit, si = budget.shown_unit
-    amounts = [f" ({each.why})" if each.u is None else f", {significant(each.u / si, 2)} {unit}" for each in budget.excluded]
+    amounts = [f" ({each.why})" if each.u is None else f", {with_unit(significant(each.u / si, 2), unit)}" for each in budget.excluded]
     return [printable(f"not in U: {each.what}{amount}") for each, amount in zip(budget.excluded, amounts, strict=True)]
 
 

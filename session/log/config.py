@@ -53,48 +53,40 @@ class Sensor:
     accel_fs_g is NaN of a gyroscope alone; None: not known, or as the model has it where it is known.
     """
 
-    #: which sensor it is, in whatever spelling ([those that are known](../sensors.md)). It says what registers mean, and what `check`
-    #: holds the recording against; a model that is not known is held against nothing
+    #: the sensor, in any spelling ([known ones](../sensors.md)); decides what registers mean and what `check` compares with
     model: Annotated[str, Key(absent=DEFAULT)]
-    #: which one it is
+    #: serial number
     serial: Annotated[str, Key(absent="")]
-    #: data rate, Hz: what the board said of itself, or the nominal one. The stamps decide the true rate
+    #: data rate, Hz, as the board states it or nominal; the stamps decide the true one
     odr_hz: Annotated[float, Number(0.1, 50000)]
     #: full scale of the gyroscope, dps
     gyro_fs_dps: Annotated[float, Number(1, 1e5)]
-    #: full scale of the accelerometer, g. Not required with `protocol.reference = "turns"`
+    #: full scale of the accelerometer, g; not needed with `protocol.reference = "turns"`
     accel_fs_g: Annotated[float, Number(0.1, 1000)]
-    #: bias instability, °/h; it enters every sigma. [Figures at rest](../explain.md#noise-that-was-measured-at-rest) come before it.
-    #: Without it, that of the model (an ASM330LHH has 3); where that is not known, what the recording shows
+    #: bias instability, °/h, in every sigma; else [figures at rest](../explain.md#noise-that-was-measured-at-rest), the model's, or the
+    #: recording's
     gyro_bias_instability_dph: Annotated[float | None, Number(0, 1000)] = None
-    #: one sigma of the bias between switch-ons and days, dps; the bias of any session has it
+    #: one sigma of the bias between power-ups and days, dps
     gyro_bias_repeatability_dps: Annotated[float | None, Number(0, 1000)] = None
-    #: white noise, mdps/√Hz, that `check` holds the measured one against. Without it, that of the model (an ASM330LHH has 5); where that
-    #: is not known, nothing
+    #: white noise, mdps/√Hz, that `check` compares with; else the model's
     gyro_noise_mdps_rthz: Annotated[float | None, Number(1e-3, 1000)] = None
-    #: what one count of the gyroscope's registers is, of a sensor that is not known; without it, the model's at its full scale
+    #: one count of the gyroscope's registers; else the model's at its full scale
     gyro_mdps_per_lsb: PerLsb = None
     #: the same of the accelerometer
     accel_mg_per_lsb: PerLsb = None
-    #: counts per °C of its temperature register; without it, the model's, or the temperature is left out
+    #: counts per °C; else the model's, or the temperature is not read
     temp_lsb_per_c: Annotated[float | None, Number(1e-3, 1e5)] = None
-    #: °C where that register reads 0, with `temp_lsb_per_c`; 0 without it
+    #: °C at register 0, with `temp_lsb_per_c`; else 0
     temp_at_zero_c: Annotated[float | None, Number(-300, 300)] = None
-    #: relative standard uncertainty of `odr_hz`, where it stands for the clock: 0.001 for 0.1 %. Given, the logs' times count as counted
-    #: at that rate; 0: the rate was measured. Without it, logs that say `# stamps=counted` have the model's tolerance (5 % where it is
-    #: not known) over √3. The scale of all axes is no better known
+    #: relative uncertainty of `odr_hz` where samples are counted at it; 0: measured. Else, for `# stamps=counted`, the model's tolerance
+    #: (5 % if unknown) over √3
     odr_sigma: Annotated[float | None, Number(0, 0.5)] = None
-    #: relative standard uncertainty of the clock that stamps the logs, ppm; the scale of all axes has it. 0: it is known. Without it,
-    #: the clock's error is in no uncertainty, and `budget` and a certificate say so. Counted logs have `odr_sigma`
+    #: relative uncertainty of the clock that stamps the logs, ppm, in the scale of all axes; 0: known. Else it is in no uncertainty
     clock_sigma_ppm: Annotated[float | None, Number(0, 1e5)] = None
-    #: relative standard uncertainty of the rate that `import` counted along the stamps (coarse ones, bursts, or with `--even`), ppm, the
-    #: largest of the logs that it added; the scale of all axes has it, beside `clock_sigma_ppm`
+    #: relative uncertainty of the rate that `import` counted along coarse stamps, ppm, in the scale of all axes
     even_sigma_ppm: Annotated[float | None, Number(0, 1e5)] = None
-    #: seconds that the board's clock counts in one of the computer's, as `record` measured it by the arrivals of the bytes; 1.0045: it
-    #: runs 4500 ppm fast. `clock_sigma_ppm` is then the sigma of this ratio by true seconds, the computer's own 30 ppm included
-    #: ([why](../boards.md#clocks)). As long as the stamps stand as they came, the scale of all axes has the whole difference from 1 as a
-    #: sigma; `--clock arrivals` of `fit`, `report` and `budget` divides all times by the ratio, and what is left is
-    #: `clock_sigma_ppm`
+    #: seconds of the board's clock in one of the computer's, measured by `record` ([why](../boards.md#clocks)); its difference from 1 is
+    #: a sigma of the scale, until `--clock arrivals` divides times by it
     clock_ratio: Annotated[float | None, Number(0.5, 2.0)] = None
 
     @cached_property
@@ -194,18 +186,17 @@ class BoardGiven:
     source: sensor, or stand-in where there was none; registers: CTRL1_XL to CTRL10_C as hexadecimal digits.
     """
 
-    #: what the board said of its samples: `sensor`, or `stand-in` where it had none. `record` and `import` write this section, where the
-    #: board says it, into a file that they write; no command computes with it
+    #: `sensor`, or `stand-in` where there was none. `record` and `import` write this section; nothing computes with it
     source: str = ""
     #: its version
     firmware: str = ""
-    #: the sensor's `WHO_AM_I`; 107 (0x6B) is an ASM330LHH's and [its siblings'](../boards.md#recording-from-it)
+    #: its `WHO_AM_I`; 107 (0x6B) is an ASM330LHH or a sibling
     who_am_i: Annotated[float | None, Number(0, 255)] = None
     #: its `INTERNAL_FREQ_FINE`
     freq_fine: Annotated[float | None, Number(-128, 127)] = None
-    #: `CTRL1_XL` to `CTRL10_C` as read back, two hexadecimal digits each: ranges, rates, filters
+    #: `CTRL1_XL` to `CTRL10_C`, hexadecimal
     registers: str = ""
-    #: the nominal data rate that it was set to, Hz
+    #: nominal data rate set, Hz
     odr_hz: Annotated[float | None, Number(0.1, 50000)] = None
 
 
@@ -230,13 +221,12 @@ class Accelerometer:
 
     #: pre-calibration: f = matrix (measured − bias), m/s²
     matrix: Annotated[np.ndarray, Array((3, 3), Number(-100, 100), _matrix_fault)] = field(default_factory=lambda: np.eye(3))
-    #: its bias, m/s². With neither of the two, the accelerometer is [calibrated by the session's own stills](../accelerometer.md)
+    #: its bias, m/s². Without both, the accelerometer is [calibrated by the session's stills](../accelerometer.md)
     bias_mps2: Annotated[np.ndarray, Array((3,), Number(-BEYOND["accel"], BEYOND["accel"]))] = field(default_factory=lambda: np.zeros(3))
     source: Annotated[str, DERIVED] = "given"
-    #: one sigma of each number of it, mg at one g, as a prior; 0.1 without it. It and the next need `matrix` or `bias_mps2`
+    #: one sigma of each of its numbers, mg at one g; 0.1 if not stated
     sigma_mg: Annotated[float | None, Number(1e-3, 1000)] = None
-    #: whether the stills of this very recording gave it, as `fit --accelerometer alone` writes it: then it is no prior beside
-    #: them, and `fit` estimates it anew
+    #: true: estimated from this recording's stills (`fit --accelerometer alone`), so no prior
     own_stills: bool | None = None
 
     def correct(self, measured: np.ndarray) -> np.ndarray:
@@ -267,12 +257,11 @@ class Accelerometer:
 class Site:
     """Where the table stands: what the Earth's rotation and gravity are there."""
 
-    #: north positive. Without it the Earth's rotation stays in the rates
+    #: north positive; without it the Earth's rotation stays in the rates
     latitude_deg: Annotated[float | None, Number(-90, 90)] = None
-    #: local gravity: what the accelerometer is checked with, and what its scale is fitted to. Without it the scale that all axes share
-    #: is known to 0.2 %
+    #: local gravity; without it the common scale of the accelerometer is known to 0.2 %
     gravity_mps2: Annotated[float | None, Number(9.7, 9.9)] = None
-    #: where the sensor's x axis points in the first still, east of true north
+    #: direction of the sensor's x axis in the first still, east of true north
     heading_deg: Annotated[float | None, Number(-360, 360)] = None
 
     @property
@@ -314,16 +303,15 @@ def reference_of(word: Any) -> Any:
 class Protocol:
     """How the table was turned: s of a still and of a segment, and what the attitudes are compared with."""
 
-    #: the length of a still that was aimed at, s
+    #: intended length of a still, s
     still_s: Annotated[float, Number(0.1, 600)] = 1.0
-    #: the length of a segment that was aimed at, s
+    #: intended length of a segment, s
     segment_s: Annotated[float, Number(0.5, 3600)] = 5.0
-    #: where attitudes come from; `"turns"`: from nowhere, the turns of `turns.csv` are all that is known ([a gyroscope
-    #: alone](session-folder.md#a-gyroscope-alone))
+    #: where attitudes come from; `"turns"`: only turns of `turns.csv` ([a gyroscope alone](session-folder.md#a-gyroscope-alone))
     reference: Annotated[str, Reference()] = "gravity"
     #: one sigma of each angle of a truth file, degrees
     truth_sigma_deg: Annotated[float, Number(1e-4, 10)] = 0.1
-    #: one sigma of each angle of `attitudes.csv`, degrees: a dial's reading error, or the accuracy of a machine
+    #: one sigma of each angle of `attitudes.csv`, degrees
     dial_sigma_deg: Annotated[float, Number(1e-4, 10)] = 0.05
 
 
@@ -354,9 +342,9 @@ class StillByHand:
 
     #: name of its log
     log: str
-    #: a moment of the still as it was found, s of the log's own clock
+    #: a moment of the still as found, s of the log's clock
     at_s: Annotated[float, Number(-1e11, 1e11)]
-    #: where it begins; with `to_s`. Without the two the still is left out, and the turns before and after it are one
+    #: where it begins, with `to_s`; without both the still is left out
     from_s: Annotated[float | None, Number(-1e11, 1e11)] = None
     #: where it ends
     to_s: Annotated[float | None, Number(-1e11, 1e11)] = None

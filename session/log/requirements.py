@@ -54,9 +54,9 @@ class Rule:
     kind: Annotated[str, Key("rule"), Text(RULES)] = SIMPLE
     #: r of the guard band w = r U; with `"guard band"`
     guard: Annotated[float, Number(0, 100)] = 1.0
-    #: in its place: the largest probability that a PASS, or a FAIL, is wrong
+    #: instead: largest probability that an answer is wrong
     risk: Annotated[float | None, Number(1e-9, 0.5, above=True)] = None
-    #: with `"simple acceptance"`: nothing is decided where (upper − lower) / 2 U is smaller; every quantity then has both limits
+    #: with `"simple acceptance"`: not decided where (upper − lower) / 2 U is smaller; needs both limits
     least_ratio: Annotated[float | None, Number(0, 1e6, above=True)] = None
 
 

@@ -22,6 +22,7 @@ from tinygc.explanation.physics import physics_methods
 from tinygc.explanation.result import to_json
 from tinygc.fitting.fit import fit_session
 from tinygc.reporting.checked_text import checked_page
+from tinygc.reporting.explanation_screen import explanation_screen, headline, in_unit, next_commands, next_line, plain_name
 from tinygc.reporting.explanation_text import explanation_facts
 from tinygc.reporting.html.sections.explanation import section
 from tinygc.reporting.terminal import Group, as_text
@@ -96,6 +97,37 @@ def test_terminal_report_and_json_show_one_table_of_residuals(explained):
     before, after = (channels["length"]["rms_sigmas"][when] for when in ("before", "after"))
     assert before == pytest.approx(after, abs=0.02)
     assert 0.3 < before < 1.5
+
+
+def test_the_first_screen_begins_with_the_answer_in_plain_words_and_has_no_exponent(explained):
+    """A number that is small has a small unit, and ids stay in the JSON."""
+    answers = {"sound": "OK: nothing beyond the model shows (p = ", "first": "FOUND: the gyro's zero-rate offset moves 0.0"}
+    for name, answer in answers.items():
+        e = explained[name]
+        lines = as_text(Group(*explanation_screen(e), next_line(e, None), *next_commands(e))).splitlines()
+        assert lines[0].startswith(answer)
+        assert lines[1].startswith("Held-out closure 0.")
+        assert max(map(len, lines[:-1])) <= 80
+        assert len(lines) <= 24
+        assert not re.search(r"\de[-+]?\d|10⁻|gyro\.", "\n".join(lines[:-1]))
+    assert (lines[-2], lines[-1].endswith("first --physics auto")) == ("next: keep gravity's direction in the model", True)
+    for size, unit, shown in (
+        (0.00028, "1/°C", "280 ppm/°C"),
+        (8.1e-05, "s", "81 µs"),
+        (0.0041, "dps/g", "4.1 mdps/g"),
+        (2.0, "mg", "2 mg"),
+    ):
+        factor, small = in_unit(size, unit)
+        assert f"{size * factor:.3g} {small}" == shown
+    assert plain_name("gyro.thermal_scale") == "gyro scale with temperature"
+
+
+def test_a_scatter_that_no_effect_explains_stands_in_the_headline(explained):
+    e = replace(explained["sound"], within={"slope": np.ones((3, 3)), "scatter": np.full((3, 3), 13.0)})
+    scatters = "within the stills the rate scatters 13 sigma beyond its noise."
+    assert [str(line) for line in headline(e)] == [f"OK, but {scatters}"]
+    first, left = map(str, headline(replace(explained["first"], within=e.within)))
+    assert (first.startswith("FOUND, not all: the gyro's"), left) == (True, f"Not explained: {scatters}")
 
 
 def test_the_json_of_a_report_with_a_named_effect_is_as_its_page_says(unit):

@@ -70,7 +70,7 @@ def described(effect: Effect, theta: np.ndarray, covariance: np.ndarray) -> str:
 # Display names of channels, and verdicts with a word of their own (all others: ``inference.decide.KINDS``).
 
 #: ``unexplained`` where nothing but the scatter of turns and stills contradicts the model
-DIFFERS = "turns or stills differ by more than noise: motion beyond the data rate would do, or anything that each has by itself"
+DIFFERS = "turns or stills differ by more than noise"
 #: verdicts with a misfit that has no name: probabilities then compare the catalogue's effects with one another, and no other cause
 LEFT = ("partly_explained", "unexplained")
 

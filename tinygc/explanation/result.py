@@ -216,7 +216,7 @@ def what_next(e: Explanation) -> str | None:
     """Motion or condition that would decide what this recording cannot; None if nothing is open."""
     for claim in e.claimed:
         if claim.equivalent:
-            return f"to tell {claim.effect.id} from {', '.join(claim.equivalent)}: {claim.effect.discriminating_motion}"
+            return claim.effect.discriminating_motion
     if e.findings:
         return e.findings[0].effect.discriminating_motion
     if e.verdict == "unexplained" and (suspicion := next((warning.do for warning in e.warnings if warning.do), None)):
@@ -226,7 +226,7 @@ def what_next(e: Explanation) -> str | None:
         where_to_look = f"; begin with the movement of segment {worst[0]}" if worst else ""
         return "repeat the session with one thing changed at a time (rate, temperature, attitude)" + where_to_look
     if e.verdict == "partly_explained" and len(e.own_p) * min(after for _, after in e.own_p.values()) < BELONGS_P:
-        return "mend what is named, record again, and explain what is left"
+        return "repair what is named, record again, and explain what is left"
     return None
 
 

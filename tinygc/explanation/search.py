@@ -12,7 +12,7 @@ import numpy as np
 from session.base.progress import Told, untold
 from session.base.units import DEG, EARTH_RATE_RPS
 from tinygc.closure.earth import EarthRate
-from tinygc.effects import Effect, Movement, Parameter, Reach, Scan, catalogue, diagonal, per_axis, without_vibration
+from tinygc.effects import Effect, Movement, Parameter, Reach, Scan, diagonal, per_axis, without_vibration
 from tinygc.effects.effect import WORLD
 from tinygc.effects.movement import HAND_S, NOWHERE
 from tinygc.explanation.evidence import Evidence, Guess, Hypothesis, sharpened, without_claim
@@ -219,15 +219,6 @@ def detection_limits(twin: Twin, whiten: Whitener, fit: Refit, replay: Replay | 
         size = sigmas / strength * plausible / effect.parameter.si if strength > sigmas else np.inf
         sizes[effect.id] = min(size, sizes.get(effect.id, np.inf))
     return sizes
-
-
-def in_words(sizes: dict[str, float]) -> list[str]:
-    """At most two lines: the detection limit of each effect, and the effects that this recording cannot show."""
-    known = catalogue()
-    shown = ", ".join(f"{name} {size:.2g} {known[name].parameter.unit}" for name, size in sizes.items() if np.isfinite(size))
-    blind = ", ".join(name for name, size in sizes.items() if not np.isfinite(size))
-    lines = [f"detection limits: {shown}"] if shown else []
-    return lines + ([f"not observable in this recording: {blind}"] if blind else [])
 
 
 # The probability of each effect and of its competitors.

@@ -26,7 +26,8 @@ from tinygc.library.arguments import public, session_or_folder
 from tinygc.library.records import Listed, Shown
 from tinygc.reporting.checked_text import checked_page
 from tinygc.reporting.drawing import Picture, saved
-from tinygc.reporting.explanation_text import explanation_facts, verdict_line
+from tinygc.reporting.explanation_screen import explanation_screen, headline, next_commands, next_line
+from tinygc.reporting.explanation_text import explanation_facts
 from tinygc.reporting.facts import Part, screen
 from tinygc.reporting.pictures.page import picture_of
 from tinygc.reporting.terminal import Group, Text
@@ -96,9 +97,9 @@ class Why(Shown):
         """Probability of at least this mismatch from noise alone."""
         return self.explanation.p_value
 
-    def offers(self, folder: Path) -> list[tuple[str, str]]:
-        """Titles and commands of what may follow; folder: where it is saved."""
-        return []
+    def offers(self, folder: Path) -> list[tuple[str, list[str]]]:
+        """What to do next, and the commands for it; folder: where it is saved."""
+        return [(next_line(self.explanation, self.next), next_commands(self.explanation))]
 
     @cached_property
     def effects(self) -> Listed[FoundEffect]:
@@ -131,17 +132,17 @@ class Why(Shown):
 
     @property
     def page(self) -> Group:
-        """The command's output as a rich renderable: verdict, effects, residuals, evidence and what to do next."""
-        return screen([*self._facts(), *checked_page(self.checked)])
+        """What ``explain --verbose`` prints, as a rich renderable: effects, residuals, evidence and what to do next."""
+        return screen([*self.parts(), *checked_page(self.checked), *(title for title, _ in self.offers(Path())[:1])])
 
-    def _facts(self) -> list[Part]:
-        return explanation_facts(self.explanation)
+    def parts(self, brief: bool = False) -> list[Part]:
+        """Its facts, without what to do next; brief: those of the command's first screen."""
+        return explanation_screen(self.explanation) if brief else explanation_facts(self.explanation, with_next=False)
 
     @property
     def verdict_line(self) -> Text:
-        """Session, verdict, probability and the ids of reported effects, for rich."""
-        named = ", ".join(effect.id for effect in self.effects)
-        return verdict_line(self.explanation).append(f": {named}" if named else "")
+        """The answer in one line, for rich."""
+        return headline(self.explanation)[0]
 
     def plot(self, path: Path | str | None = None) -> Picture:
         """Draw the picture; path: an SVG to write, or a PNG, which needs matplotlib."""

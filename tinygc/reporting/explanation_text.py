@@ -24,19 +24,20 @@ from tinygc.explanation.result import (
     what_next,
     where,
 )
-from tinygc.explanation.search import in_words, lines_end_hz
+from tinygc.explanation.search import lines_end_hz
 from tinygc.noise.turn_gravity import TurnGravity
 from tinygc.noise.twin import Variable
+from tinygc.reporting.explanation_screen import headline, limits
 from tinygc.reporting.facts import Part, Table
 from tinygc.reporting.terminal import Text, one_line
 
-MOST_SAID = 6  #: number of segments listed, worst first
+MOST_SEGMENTS = 6  #: number of segments listed, worst first
 
 
 def explanation_facts(e: Explanation, panels: Sequence[Part] = (), with_next: bool = True) -> list[Part]:
     """Facts of an explanation: verdict, effects with their parameters, residuals, evidence and, if ``with_next``, what to do next; panels:
     for a page."""
-    parts: list[Part] = [verdict_line(e), *([] if e.decision is None else [one_line(f"fit: {e.decision.headline}", "dim")]), ""]
+    parts: list[Part] = [*headline(e), *([] if e.decision is None else [one_line(f"fit: {e.decision.headline}", "dim")]), ""]
     among = " among the catalogue's effects" if e.verdict in LEFT else ""
     # Warnings of the first look come before findings without a name: they are the likelier cause.
     for warning in e.warnings:
@@ -50,30 +51,24 @@ def explanation_facts(e: Explanation, panels: Sequence[Part] = (), with_next: bo
         parts += [Text.assemble((f"{claim.effect.id}  ", style), claim.effect.equation, chance), f"  {claim.says}{share}"]
         parts += [f"  {line}" for line in parameter_lines(claim.parameters, claim.std) if named]
         if claim.equivalent:
-            parts.append(Text(f"  could as well be: {', '.join(equivalent_words(claim))}", "yellow"))
-        parts += [*([f"  weighed in its place: {', '.join(rivals)}"] if (rivals := rival_words(claim)) else []), ""]
+            parts.append(Text(f"  fit as well: {', '.join(equivalent_words(claim))}", "yellow"))
+        parts += [*([f"  alternatives: {', '.join(rivals)}"] if (rivals := rival_words(claim)) else []), ""]
     parts += [Text(HEADING, "italic"), channels_table(e), *panels]
     parts += [] if e.gravity is None else [_gravity(e.gravity), _stamps(e)]
     parts += [*([] if e.shown is None else [Table("", ("", ""), e.shown.rows, left=(0, 1))]), ""]
     # Candidates that were detected or weighed, and rejected.
     lines = considered_lines(e)
-    parts += ["considered, and not borne out:", *(f"  {line}" for line in lines)] if lines else []
+    parts += ["considered, and rejected:", *(f"  {line}" for line in lines)] if lines else []
     if e.verdict == "unexplained" and (highest := lines_end_hz(e.twin)) is not None:
-        parts.append(f"not looked for: lines of the rate above {highest:.2g} Hz, of which so long a session has too many")
+        parts.append(f"not searched: lines of the rate above {highest:.2g} Hz, too many in so long a session")
     if rows := noise_rows(e):
         parts.append(Table("estimated non-white noise", ("component", "± one sigma", "what it is"), rows, left=range(3)))
     if not e.problem.instability.source.startswith("typical"):
-        parts.append(f"bias instability, which `noise.bias_wander` begins from: {e.problem.instability.words}")
+        parts.append(f"bias instability, the prior of `noise.bias_wander`: {e.problem.instability.words}")
     parts += [e.problem.at_rest.words] if e.problem.at_rest is not None and e.problem.at_rest.words else []
     parts += [*(["; ".join(place)] if (place := where_words(e)) else []), _proof(e)]
-    parts += in_words(e.detection_limits) if e.verdict == "no_mismatch" else []
+    parts += limits(e, len(e.detection_limits)) if e.verdict == "no_mismatch" else []
     return parts + ([Text.assemble(("next: ", "bold"), following)] if with_next and (following := what_next(e)) else [])
-
-
-def verdict_line(e: Any) -> Text:
-    """Session, verdict and p-value."""
-    words, style = e.words
-    return Text.assemble((f"{e.session.name}: ", "bold"), (words, style), f"   ({probability(e.p_value)})")
 
 
 def parameter_lines(parameters: Mapping[str, Any], stds: Mapping[str, Any]) -> list[str]:
@@ -107,11 +102,10 @@ def channels_table(e: Explanation) -> Table:
 def _stamps(e: Explanation) -> Text:
     """Compare registers and stamps with the prediction, which has no false reading and one sample per period."""
     longest = max(float(log.samples.dt_s.max() / log.samples.period_s) for log in e.problem.logs)
-    mended = [claim.effect for claim in e.claimed if claim.effect.id in e.mended.found]
-    found = [effect.id for effect in mended if effect.occurs is None or effect.occurs.counts != IN_STILLS]
-    return Text(
-        f"registers: {', '.join(found) or 'none at a limit, none false, none lost unseen'}; stamps: longest interval {longest:.2f} periods"
-    )
+    repaired = [claim.effect for claim in e.claimed if claim.effect.id in e.mended.found]
+    found = [effect.id for effect in repaired if effect.occurs is None or effect.occurs.counts != IN_STILLS]
+    registers = ", ".join(found) or "no clipping, no false readings, no lost samples"
+    return Text(f"registers: {registers}; stamps: longest interval {longest:.2f} periods")
 
 
 def _gravity(gravity: TurnGravity) -> Text:
@@ -119,21 +113,21 @@ def _gravity(gravity: TurnGravity) -> Text:
     return Text(
         f"gravity during the turns: off by {gravity.before_mps2 / MG:.1f} mg rms; {gravity.after_mps2 / MG:.1f} mg with a lever arm of "
         f"{lever} mm and the gyro {1e3 * abs(gravity.offset_s):.2f} ms {'late' if gravity.offset_s > 0 else 'early'}"
-        + ("" if gravity.is_offset else f" ± {1e3 * gravity.whole_sigma_s:.2f}, claimed from {1e3 * gravity.bar_s:.1f} on")
+        + ("" if gravity.is_offset else f" ± {1e3 * gravity.whole_sigma_s:.2f}, reported from {1e3 * gravity.bar_s:.1f} on")
     )
 
 
 def where_words(e: Explanation) -> list[str]:
-    """Where the mismatch lives: phases, axes, range, times, and the worst segments; empty where nothing tells it."""
+    """Where the mismatch lives: phases, axes, range, times, and the worst segments; empty where it is unknown."""
     place = where(e)
     if not place["phases"]:
         return []
-    words = [f"lives in: {', '.join(place['phases'])}"]
+    words = [f"where: {', '.join(place['phases'])}"]
     if place["axes"]:
         words.append(f"axes {', '.join(place['axes'])}")
     words += [text for text in (variable_words(place["conditions"]), seconds_words(place["seconds"])) if text]
     if place["segments"]:
-        worst = zip(place["segments"][:MOST_SAID], place["segment_seconds"], strict=False)
+        worst = zip(place["segments"][:MOST_SEGMENTS], place["segment_seconds"], strict=False)
         words.append("worst segments " + ", ".join(f"{number} ({start:.0f}–{stop:.0f} s)" for number, (start, stop) in worst))
     return words
 
@@ -157,7 +151,7 @@ def _proof(e: Explanation) -> Text:
         return Text(f"held-out closure: {before:.4f}°, floor {floor:.4f}°")
     removed = "" if e.proof.removed is None else f"; {100 * e.proof.removed:.1f} % of the excess is gone"
     if e.proof.removed is not None and e.proof.removed <= 0:
-        removed = "; closure is no better for what is named"
+        removed = "; closure is no better with what is named"
     if e.proof.worse:
-        removed = f"; closure is worse with what is named, {tilt_rms(e.proof.named) / DEG:.4f}°: the model without it is handed on"
+        removed = f"; closure is worse with what is named, {tilt_rms(e.proof.named) / DEG:.4f}°: the model stays without it"
     return Text(f"held-out closure: {before:.4f}° before, {after:.4f}° after, floor {floor:.4f}°{removed}")

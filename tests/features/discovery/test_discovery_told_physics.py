@@ -162,7 +162,11 @@ def test_what_is_written_is_not_executed_and_an_edited_or_used_file_stays(asked,
     written = json.loads((tmp_path / "explain.json").read_text(encoding="utf-8"))
     assert written == json.loads((tmp_path / "x.json").read_text(encoding="utf-8"))
     assert "EFFECT = law_effect(" in (tmp_path / written["discovery"]["laws"][0]["file"]).read_text(encoding="utf-8")
-    assert f"use it in another session:\n  python calibrate.py explain OTHER --effects {effects}" in capsys.readouterr().out
+    out = capsys.readouterr().out
+    assert out.startswith("FOUND: an equation was found.\ndiscovered.dead_zone_rate: ω_i += c_i dz(u_i, 0.1)\n")
+    introduction, command = out.splitlines()[-2:]
+    assert introduction.startswith("next: record a second session")
+    assert command == f"  python calibrate.py explain OTHER --effects {effects}"
     (effects / "discovered_before.py").unlink(missing_ok=True)
     before = mine.read_bytes()
     assert asked(NOTHING, "--effects", effects) == 0  # named with --effects, its law is a name for this search

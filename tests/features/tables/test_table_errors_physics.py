@@ -519,7 +519,7 @@ def test_a_mismatch_without_a_name_is_claimed_as_far_as_its_p_value_goes(clean, 
     of, selected = clean
     found = TableShown(of, replace(selected, first_p=p))
     assert found.verdict == found.to_json()["table"]["verdict"] == verdict
-    assert ("no effect in the catalogue fits it" in found.rows[0][1]) == (verdict == "unexplained")
+    assert ("no effect of the catalogue fits" in found.rows[0][1]) == (verdict == "unexplained")
 
 
 def test_limits_stand_where_there_are_any(clean):

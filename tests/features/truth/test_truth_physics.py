@@ -633,7 +633,7 @@ def test_sensor_clock_and_wrong_moments_are_told_apart(whole):
     html = section(SimpleNamespace(explanation=e)).html
     assert all(name in html for name in named)
     assert "frames" in html
-    assert "could as well be" in why.summary()
+    assert "fit as well" in why.summary()
     assert strangers(json.loads(json.dumps(table, allow_nan=False))) == []
     assert sorted(moment["at_s"] for moment in table["truth"]["wrong_moments"]) == pytest.approx(moments, abs=0.2)
     jump = next(effect for effect in table["effects"] if effect["id"] == "reference.truth_jump")

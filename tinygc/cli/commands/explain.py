@@ -27,30 +27,33 @@ class Options(AtRest, Pictures, Command, UsesEffects, Seed):
     )
     out: Path | None = option(None, "where the result goes (explain/ in the session folder)", metavar="DIR", read=folder_written)
     strict: bool = option(False, "exit 1 if there is a mismatch")
+    verbose: bool = option(False, "print residuals, noise, alternatives and all limits")
 
 
 def run(args: Options) -> int:
     """Explain differences between recording and simulation."""
     if (code := features.first("explanation of a folder", args)) is not None:
         return code
+    from session.log.siblings import others_beside
     from tinygc.library.explanations import explain
+    from tinygc.reporting.checked_text import checked_page
+    from tinygc.reporting.facts import screen
     from tinygc.reporting.terminal import progress_bar
 
     try_destinations(args.out or inside(args.folder, "explain"), args.json)
     with progress_bar(args.quiet) as progress:
         why = explain(args.folder, check_on=args.check_on, progress=progress, **values(args, Seed, AtRest), **args.further)
     folder = why.save(args.out, pictures=args.pictures)
-    output(args).print(why.page)
-    output(args).print(f"written: {folder}")
-    for line in why.notes:
-        output(args).print(line)
-    for title, command in why.offers(folder):
-        print_commands(args, title, command)
-    from session.log.siblings import others_beside
-
+    console, offers = output(args), why.offers(folder)
+    console.print(screen([*why.parts(brief=not args.verbose), *checked_page(why.checked)]))
+    for line in (*why.notes, f"written: {folder}"):
+        console.print(line)
     if why.effects and not args.check_on and (others := others_beside(args.folder)):
         names = [os.path.relpath(other) for other in others[:MOST_OFFERED]]
-        print_commands(args, "does it hold in this unit's other recordings?", command_line("explain", args.folder, "--check-on", *names))
+        check = command_line("explain", args.folder, "--check-on", *names)
+        offers.append(("or check it on other recordings of this unit:", [check]))
+    for title, commands in offers:
+        print_commands(args, title, *commands)
     verdict(args, why.verdict_line)
     write_json(args.json, why.to_json())
     return 1 if args.strict and why.verdict != "no_mismatch" else 0

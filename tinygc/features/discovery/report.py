@@ -22,12 +22,12 @@ from tinygc.explanation.engine import Explanation
 from tinygc.features.discovery.effect_file import Where, written
 from tinygc.features.discovery.law_fits import Pair, is_open, next_of, pairs_of
 from tinygc.features.discovery.pictures import picture_of
-from tinygc.features.discovery.result import discovery_facts, to_json
+from tinygc.features.discovery.result import discovery_facts, discovery_screen, to_json
 from tinygc.features.discovery.search_state import Discovery, Law
 from tinygc.features.discovery.selection import FORM
 from tinygc.library.explanations import Why
 from tinygc.reporting.drawing import Picture
-from tinygc.reporting.explanation_text import explanation_facts
+from tinygc.reporting.explanation_screen import headline, next_line
 from tinygc.reporting.facts import Part
 
 # Save laws as effect files in a folder whose earlier files may have been edited; no edit is ever lost.
@@ -133,14 +133,16 @@ class DiscoveryReport(Why):
         """``tinygc-explain/2``, with the search's advice on what to do next."""
         return super().table | {"next": self._following, "discovery": to_json(self.beyond, self._files)}
 
-    def offers(self, folder: Path) -> list[tuple[str, str]]:
-        """The laws, in another session."""
+    def offers(self, folder: Path) -> list[tuple[str, list[str]]]:
+        """What to do next, with the laws in another session."""
         use = command_line("explain", "OTHER", "--effects", folder / "effects")
-        return [("use it in another session:", use)] if self.beyond.laws else []
+        return [(next_line(self.explanation, self.next), [use] if self.beyond.laws else [])]
 
-    def _facts(self) -> list[Part]:
-        found = discovery_facts(self.table["discovery"], self._following)
-        return [*explanation_facts(self.explanation, with_next=False), "", *found]
+    def parts(self, brief: bool = False) -> list[Part]:
+        """Its facts, without what to do next; brief: those of the command's first screen."""
+        if brief:
+            return [*discovery_screen(self.table["discovery"]), "", "From the catalogue:", *headline(self.explanation)]
+        return [*super().parts(), "", *discovery_facts(self.table["discovery"], None)]
 
     def discovered(self) -> Picture:
         """``discover.svg``, for an answer with laws."""

@@ -140,6 +140,21 @@ def discovery_facts(table: dict, following: str | None) -> list[Part]:
     return [*facts, *([Text.assemble(("next: ", "bold"), following)] if following else [])]
 
 
+def discovery_screen(table: dict) -> list[Part]:
+    """The first screen of a discovery, from its table: the answer, then of each law its numbers, its held-out closure, its rival."""
+    laws = table["laws"]
+    words, style = headline(table["verdict"], any(law["runners_up"] for law in laws))
+    facts: list[Part] = [Text(f"{'FOUND' if laws else 'NOTHING FOUND'}: {words}.", style)]
+    for law in laws:
+        facts += [f"{law['id']}: {briefly(law['equation'])}", law["in_words"], *number_lines(law)]
+        for each in law["held_out"][:1]:
+            closure = f"closure {each['before_deg']:.4f}° -> {each['after_deg']:.4f}°; noise alone leaves {each['floor_deg']:.4f}°"
+            facts.append(f"Held out, {each['segments']} segments: {closure} ({probability(each['p_value'])}).")
+        facts += [Text(f"Fits as well: {briefly(each['equation'])}.", "yellow") for each in law["runners_up"][:1]]
+        facts += [f"written as {law['file']}"] if law["file"] else []
+    return facts + ([table["why"]] if table["why"] and not laws else [])
+
+
 def evidence_words(law: dict) -> list[str]:
     """Evidence for a law: chi-square, chance, held-out segments, and its detection limit."""
     chance = probability(law["chance_p"])

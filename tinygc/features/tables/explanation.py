@@ -185,6 +185,11 @@ class TableShown:
         }
 
     @property
+    def brief(self) -> list[str]:
+        """Its line of the first screen."""
+        return [self.rows[0][1]]
+
+    @property
     def rows(self) -> list[tuple[str, str]]:
         """Subject of each line of the page (empty: the same as above), and its statement: what the JSON has."""
         shown, verdict = self._to_json(), f"{self.table.name}: {KINDS[self.verdict].word}"

@@ -256,6 +256,13 @@ class TruthShown:
         return [*rows, ("limits", CANNOT)]
 
     @property
+    def brief(self) -> list[str]:
+        """Its lines of the first screen."""
+        counts = f"{len(self._moments)} wrong moments, {len(self._outages)} outages"
+        off = "" if self.force is None else f"{xyz_text(self.force.bias / MG, 0)} mg ± {xyz_text(self.force.sigma / MG, 0)}"
+        return [f"Truth: {counts}; clock {offset_text(self.alignment)}.", *([f"Accelerometer off by {off}."] if off else [])]
+
+    @property
     def _own_noise(self) -> str:
         if not len(self.lengths_s):
             return "too few moments of truth to see the closure grow"

@@ -76,7 +76,7 @@ def commands_text() -> str:
 def library_text() -> str:
     """The keywords of each record."""
     lines = []
-    records = {FitOptions: "`fit`, `report`, `budget`", SimulationOptions: "`simulate`", Answers: "what a log may not tell"}
+    records = {FitOptions: "`fit`, `report`, `budget`", SimulationOptions: "`simulate`", Answers: "what a log may not state"}
     for kind, called in records.items():
         lines += [f"### {kind.__name__}: {called}", "", "| keyword | type | default | meaning |", "| --- | --- | --- | --- |"]
         for each, rule in declared(kind):

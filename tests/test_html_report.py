@@ -106,7 +106,7 @@ def test_text_from_files_stays_text_and_the_first_sheet_of_paper_stands_alone(si
         ("", (), "give --out a file"),
         ("file/r.html", (), "file/r.html: File exists; give --out another file"),
         ("r.html", ("--pdf",), "--pdf needs Chromium, and none is found"),
-        ("none", (), "not found"),
+        ("none", (), "no such folder"),
     ],
 )
 def test_what_cannot_be_made_is_refused_before_the_work(simulated, tmp_path, capfd, monkeypatch, out, more, says):

@@ -10,6 +10,7 @@ from conftest import ROOT
 from processes import CompletedProcess, WithoutTorch, environment, run
 
 import tinygc
+from session.base.texts import install_line
 
 
 def test_a_net_that_needs_torch_says_so_in_one_line(simulated, monkeypatch):
@@ -17,7 +18,7 @@ def test_a_net_that_needs_torch_says_so_in_one_line(simulated, monkeypatch):
     monkeypatch.setattr(sys, "meta_path", [WithoutTorch(), *sys.meta_path])
     with pytest.raises(tinygc.CalibrationError) as said:
         tinygc.fit(simulated(), as_in_paper=True, folds=2)
-    assert str(said.value) == "training as in the paper needs PyTorch: python -m pip install 'tinygc[torch]', or leave out as_in_paper"
+    assert str(said.value) == f"training as in the paper needs PyTorch: {install_line('torch', 'torch')}, or leave out as_in_paper"
 
 
 # Foreign modules of our names

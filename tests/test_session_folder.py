@@ -34,14 +34,14 @@ def test_a_folder_gives_its_logs_and_closure_runs_in_name_order(tmp_path, sample
 
 
 def test_missing_folders_logs_and_settings_are_told_apart(tmp_path, samples):
-    with pytest.raises(FormatError, match="not found"):
+    with pytest.raises(FormatError, match="no such folder"):
         read_session(tmp_path / "nowhere")
     with pytest.raises(FormatError, match=r"session\.toml"):
         read_session(tmp_path)
     (tmp_path / "session.toml").write_text(SESSION_TOML)
     with pytest.raises(FormatError, match="no log"):
         read_session(tmp_path)
-    with pytest.raises(FormatError, match="that is a file"):
+    with pytest.raises(FormatError, match="a file; give the session folder"):
         read_session(tmp_path / "session.toml")
     (tmp_path / "log.csv").mkdir()
     with pytest.raises(FormatError, match="cannot be read"):

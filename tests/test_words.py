@@ -61,8 +61,8 @@ def test_the_name_alone_shows_the_help_and_is_no_success(run):
     assert run("--version") == (0, f"TinyGC {VERSION}\n", "")
     code, out, err = run()
     assert (code, err) == (2, "")
-    assert out.startswith("usage: python calibrate.py")
-    assert "To begin: python calibrate.py fit data/session1" in " ".join(out.split())
+    assert out.startswith("Calibrate a MEMS gyroscope")
+    assert "Begin with:  python calibrate.py fit data/session1\n" in out
 
 
 def test_what_fit_says_to_run_next_has_the_effects_that_it_was_given(tmp_path):

@@ -80,12 +80,12 @@ GROUP = "tinygc.features"
 class Feature:
     """What a feature adds.  A value names a module of its folder, or ``module:attribute``; it is imported when it is used.
 
-    commands: name -> module with ``Options`` (a record) and ``run(options)``, and its summary; public: name in ``tinygc`` -> module that
-    has it; kinds: kind of model -> module with ``to_table`` and ``from_table``; exports: kind of model -> module with ``stage`` and
-    ``CARRIED`` (tinygc/deploy/__init__.py); serves: point -> what serves it there.
+    commands: name -> module with ``Options`` (a record) and ``run(options)``, its summary, and its group in ``--help``; public: name in
+    ``tinygc`` -> module that has it; kinds: kind of model -> module with ``to_table`` and ``from_table``; exports: kind of model ->
+    module with ``stage`` and ``CARRIED`` (tinygc/deploy/__init__.py); serves: point -> what serves it there.
     """
 
-    commands: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    commands: Mapping[str, tuple[str, str, str]] = field(default_factory=dict)
     public: Mapping[str, str] = field(default_factory=dict)
     kinds: Mapping[str, str] = field(default_factory=dict)
     exports: Mapping[str, str] = field(default_factory=dict)

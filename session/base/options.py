@@ -42,7 +42,7 @@ class Rule:
     ``--help``; group: heading in ``--help``; flags: in place of the field's name; positional; repeated: given once for each value;
     several: one flag, and all words behind it; example: of a text; alone: value of a flag without one; read: parser of its text; cli:
     whether the command line has it; default_key: of the user's defaults file; of_methods: of a fit, whether a method's numbers follow from
-    it, so that a saved one is used again only where it is the same.
+    it, so that a saved one is used again only where it is the same; rare: whether only ``--help-all`` shows it.
     """
 
     help: str
@@ -65,6 +65,7 @@ class Rule:
     cli: bool = True
     default_key: str = ""
     of_methods: bool = True
+    rare: bool = False
 
 
 def option(default: Any, help: str, **rule: Any) -> Any:
@@ -403,9 +404,10 @@ def add_arguments(command: argparse.ArgumentParser, kind: Any) -> None:
         if not rule.positional:
             settings["dest"] = dest(kind, each.name)
         if _kind(each) == "bool":
-            groups[rule.group].add_argument(*words, action="store_false" if each.default is True else "store_true", **settings)
-            continue
-        groups[rule.group].add_argument(*words, **settings | _value(each, rule))
+            settings["action"] = "store_false" if each.default is True else "store_true"
+        else:
+            settings |= _value(each, rule)
+        groups[rule.group].add_argument(*words, **settings).rare = rule.rare
 
 
 def _value(each: Field[Any], rule: Rule) -> dict[str, Any]:

@@ -97,6 +97,15 @@ def command_line(*words: object) -> str:
     return " ".join([program(), *map(shell_word, words)])
 
 
+def install_line(extra: str, package: str) -> str:
+    """What installs a package of an extra of this project, which is on no index, where the line is printed."""
+    if not os.path.exists(CHECKOUT):
+        return f"python -m pip install {shlex.quote(package)}"
+    folder = os.path.realpath(os.path.dirname(CHECKOUT))
+    folder = "." if folder == os.path.realpath(os.curdir) else folder
+    return f"python -m pip install -e {shlex.quote(f'{folder}[{extra}]')}"
+
+
 def _escaped(character: str) -> str:
     number = ord(character)
     return f"\\x{number - 0xDC00:02x}" if number in BYTES else repr(character)[1:-1]

@@ -405,6 +405,8 @@ def sections() -> dict[str, Record]:
 def read_config(path: Path) -> Config:
     """Read and check ``session.toml``; FormatError names the key, what was expected and what came."""
     if not os.path.lexists(path):
+        if not path.parent.exists():
+            raise FormatError(f"{path.parent}: no such folder")
         what = f"{path.parent}: a file" if path.parent.is_file() else f"{path}: not found"
         raise FormatError(f"{what}; a session folder holds session.toml and log*.csv (see docs/session-folder.md)")
     return config_of(path, read_session_toml(path))

@@ -344,8 +344,7 @@ def read_session(folder: Path | str, progress: Told = untold) -> Session:
     """Read a whole session folder.  FormatError or DataError names file and line.  ``progress`` is called with each file's name."""
     folder = Path(folder)
     if not folder.is_dir():
-        hint = "that is a file; give the session folder" if folder.exists() else "not found"
-        raise FormatError(f"{folder}: {hint}; a session folder holds session.toml and log*.csv")
+        raise FormatError(f"{folder}: {'a file; give the session folder' if folder.exists() else 'no such folder'}")
     refuse_special(folder)
     config = read_config(folder / "session.toml")
     paths, closures = log_paths(folder, "log"), log_paths(folder, "closure")

@@ -11,7 +11,7 @@ from session.base import features
 from session.base.budget import budget
 from session.base.errors import FormatError
 from session.base.options import given, refuse_beside
-from session.base.texts import letters_of
+from session.base.texts import install_line, letters_of
 from session.replay.binary import registry
 from session.replay.convert import Imported, convert
 from session.replay.dialects import DIALECTS, OWN
@@ -93,5 +93,5 @@ def known_logs() -> Iterator[tuple[str, str, str]]:
         yield name, example, ""
     yield BY_NAMES, "time_ms,accX,accY,accZ,gyroX,gyroY,gyroZ", ""
     for reader in map(registry.format_of, registry.READERS):
-        needs = f"{reader.package}: pip install 'tinygc[{reader.extra}]'" if reader.package else ""
+        needs = f"{reader.package}: {install_line(reader.extra, reader.package)}" if reader.package else ""
         yield reader.name, reader.example, needs

@@ -8,7 +8,7 @@ from session.base.options import Record, documented, option
 
 #: the order of the axes as they are
 AXES = "x,y,z"
-GROUP = "what a log may not tell"
+GROUP = "what a log may not state"
 
 
 @documented
@@ -25,18 +25,23 @@ class Answers(Record):
     accel_unit: str | None = option(None, "g, mg, m/s2, lsb, or one count: g/2048", metavar="UNIT", example="'g'", group=GROUP)
     columns: str | None = option(
         None,
-        "of any other table: t_us=NAME,gx_dps=NAME,…,az_g=NAME,temp_c=NAME",
+        "of any other table: t_us=NAME,gx_dps=NAME and so on to temp_c=NAME",
         metavar="LIST",
         example="'t_us=time,gx_dps=wx,…'",
         group=GROUP,
     )
     lines: str | None = option(
-        None, "the rows that are meant, by their lines: 1-2991", metavar="FIRST-LAST", example="'1-2991'", group=GROUP
+        None, "the rows that are meant, by their lines: 1-2991", metavar="FIRST-LAST", example="'1-2991'", group=GROUP, rare=True
     )
     packed: str | None = option(
-        None, "of registers in one hexadecimal word: st, mpu, or big:ax,ay,az,temp,gx,gy,gz", metavar="ORDER", example="'st'", group=GROUP
+        None,
+        "of registers in one hexadecimal word: st, mpu, or big:ax,ay,az,temp,gx,gy,gz",
+        metavar="ORDER",
+        example="'st'",
+        group=GROUP,
+        rare=True,
     )
-    topic: str | None = option(None, "of a binary log that holds several; or two, GYROSCOPE,ACCELEROMETER", group=GROUP)
+    topic: str | None = option(None, "of a binary log that holds several; or two, GYROSCOPE,ACCELEROMETER", group=GROUP, rare=True)
     like: str | None = option(None, "take it for this program's log (`import --list` names them)", metavar="PROGRAM", group=GROUP)
     rows: str | None = option(
         None,
@@ -44,13 +49,19 @@ class Answers(Record):
         metavar="WORD",
         example="'IMU' or '7'",
         group=GROUP,
+        rare=True,
     )
     where: str | None = option(
-        None, "of several sensors' rows: those with this value in a column: I=0", metavar="NAME=VALUE", example="'id=0'", group=GROUP
+        None,
+        "of several sensors' rows: those with this value in a column: I=0",
+        metavar="NAME=VALUE",
+        example="'id=0'",
+        group=GROUP,
+        rare=True,
     )
-    gyro_axes: str = option(AXES, "the log's axes that become x,y,z: y,-x,z", metavar="X,Y,Z", example="'y,-x,z'", group=GROUP)
+    gyro_axes: str = option(AXES, "the log's axes that become x,y,z: y,-x,z", metavar="X,Y,Z", example="'y,-x,z'", group=GROUP, rare=True)
     accel_axes: str = option(
-        AXES, "the same for the accelerometer; -x,-y,-z if it shows gravity", metavar="X,Y,Z", example="'y,-x,z'", group=GROUP
+        AXES, "the same for the accelerometer; -x,-y,-z if it shows gravity", metavar="X,Y,Z", example="'y,-x,z'", group=GROUP, rare=True
     )
     even: bool = option(
         False,
@@ -65,4 +76,4 @@ class Into(Record):
     """What a log becomes a part of."""
 
     add: str | None = option(None, "add to the session that is there, as a further log or a closure run", choices=("log", "closure"))
-    serial: str = option("", "which one it is", metavar="TEXT", read=str)
+    serial: str = option("", "which one it is", metavar="TEXT", read=str, rare=True)

@@ -28,8 +28,8 @@ from session.base.options import (
     log_written,
     meant,
 )
-from session.base.texts import printable, program
-from tinygc.cli.commands import command_module, commands
+from session.base.texts import command_line, printable, program
+from tinygc.cli.commands import command_module, commands, grouped
 from tinygc.cli.defaults import take_defaults
 
 # Path arguments: each is declared as read or written, and an output never replaces an input or a recorded file.
@@ -50,6 +50,8 @@ RESULT = re.compile(
 )
 #: bytes that are looked at of what stands there
 BEGINNING = 64 * KB
+#: of a help page
+COLUMNS = 79
 #: shells that can complete commands
 SHELLS = ("bash", "zsh", "fish")
 #: files in an input folder that are not recorded, but that other commands read
@@ -173,12 +175,37 @@ def _identity(status: os.stat_result | None) -> tuple[int, int] | None:
 
 # The parser of the command line.  Imports nothing heavy, so that --help is instant.
 
-BEGIN = """To begin: {program} fit data/session1 calibrates the session that comes with the tool.  At the bench: record, then check, fit,
-explain and report, each with the session's folder.  {program} COMMAND --help says what a command takes."""
+BEGIN = """Calibrate a MEMS gyroscope on a hand-turned table, and state how well.
+
+Begin with:  {example}
+"""
+END = """
+{program} COMMAND --help  shows the usual options of a command
+--version  --completion bash|zsh|fish
+"""
 
 
 class _Parser(argparse.ArgumentParser):
     """A parser that reports wrong usage in one line, like every other error, with the nearest word that it knows."""
+
+    def format_help(self, everything: bool = False) -> str:
+        """The commands by their groups; of one command its usual options, or everything."""
+        if self._subparsers:
+            return _overview()
+        rare = [action for action in self._actions if getattr(action, "rare", False) and not everything]
+        help_of, epilog = {action: action.help for action in rare}, self.epilog
+        for action in rare:
+            action.help = argparse.SUPPRESS
+        self.epilog = epilog if everything else None
+        needed = (f"{action.option_strings[-1]} {action.metavar}" for action in self._actions if action.option_strings and action.required)
+        positional = [(str(each.metavar or each.dest), each.nargs) for each in self._actions if not each.option_strings]
+        places = (f"[{name}]" if count in ("?", "*") else name for name, count in positional)
+        self.usage = " ".join([self.prog, "[options]", *needed, *places]).replace("%", "%%")
+        text = super().format_help()
+        for action, words in help_of.items():
+            action.help = words
+        self.epilog = epilog
+        return text + (f"\n--help-all shows {len(rare)} further options\n" if rare else "")
 
     def error(self, message: str) -> NoReturn:
         self.exit(2, f"calibrate: {printable(message)}; see --help\n")
@@ -205,6 +232,25 @@ class _Parser(argparse.ArgumentParser):
             raise argparse.ArgumentError(None if command else action, said)
 
 
+class _Formatter(argparse.HelpFormatter):
+    """Help of an option beside it."""
+
+    def __init__(self, prog: str) -> None:
+        super().__init__(prog, max_help_position=21, width=COLUMNS)
+
+    def _format_args(self, action: argparse.Action, default_metavar: str) -> str:
+        return super()._format_args(action, default_metavar).partition(" [")[0]  # of several values the first
+
+
+class _HelpAll(argparse.Action):
+    """Prints all options of a command, and ends."""
+
+    def __call__(self, parser: argparse.ArgumentParser, namespace: object, values: Any, option_string: str | None = None) -> None:
+        assert isinstance(parser, _Parser)
+        sys.stdout.write(parser.format_help(everything=True))
+        parser.exit()
+
+
 class _Completion(argparse.Action):
     """Prints a shell's script, and ends."""
 
@@ -221,11 +267,17 @@ def joined(words: Sequence[str]) -> list[str]:
     return [two, *words[2:]] if two in commands() else list(words)
 
 
+def _overview() -> str:
+    """The commands by their groups, a line each."""
+    lines = [BEGIN.format(example=command_line("fit", "data/session1") if os.path.isdir("data/session1") else command_line("demo"))]
+    for group, known in grouped().items():
+        lines += [group, *(f"  {name:13} {summary}" for name, summary in known.items())] if known else []
+    return "\n".join([*lines, END.format(program=program())])
+
+
 def parser(words: Sequence[str] = ()) -> argparse.ArgumentParser:
     """Return the parser of every command, or of the single one that ``words`` begins with; of ``--help``, with their summaries alone."""
-    whole = _Parser(
-        prog=program(), description="Calibrate a MEMS gyroscope on a hand-turned table.", epilog=BEGIN.format(program=program())
-    )
+    whole = _Parser(prog=program())
     from session import VERSION
 
     whole.add_argument("--version", action="version", version=f"TinyGC {VERSION}")
@@ -233,9 +285,12 @@ def parser(words: Sequence[str] = ()) -> argparse.ArgumentParser:
     parsers = whole.add_subparsers(title="commands", required=True, metavar="COMMAND")
     known = commands()
     for name in words[:1] if words and words[0] in known else known:
-        command = parsers.add_parser(name, help=known[name], description=known[name][0].upper() + known[name][1:] + ".")
+        summary = f"{known[name][0].upper()}{known[name][1:]}."
+        command = parsers.add_parser(name, help=known[name], description=summary, add_help=False, formatter_class=_Formatter)
+        command.add_argument("-h", "--help", action="help", help=argparse.SUPPRESS)
         if words[:1] == ["--help"]:
             continue
+        command.add_argument("--help-all", action=_HelpAll, nargs=0, help=argparse.SUPPRESS)
         module: Any = command_module(name)
         command.epilog = getattr(module, "EPILOG", None)
         kinds = [module.Options, *features.each(f"options of {name}")]

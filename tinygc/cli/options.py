@@ -25,7 +25,7 @@ class Command(Record):
     taken of the user's own; of_several: whether this is one of several folders."""
 
     json: Path | None = option(None, "write the result as JSON (- for standard output)", read=file_written)
-    quiet: bool = option(False, "print nothing but errors, and the verdict where one was asked for")
+    quiet: bool = option(False, "print nothing but errors, and the verdict of a command that has one", rare=True)
     of_features: tuple[Any, ...] = ()
     defaults: dict[str, Any] | None = None
     of_several: bool = False
@@ -51,33 +51,35 @@ class Command(Record):
 class Stream(Record):
     """Options of a command that reads a port."""
 
-    baud: int = option(921600, "of a port that has one", least=1)
-    header: str | None = option(None, "of a text stream that does not send it: t_us,gx_dps,…", metavar="LINE", read=stream_header)
+    baud: int = option(921600, "of a port that has one", least=1, rare=True)
+    header: str | None = option(
+        None, "of a text stream that does not send it, as t_us,gx_dps", metavar="LINE", read=stream_header, rare=True
+    )
 
 
 @dataclass(frozen=True)
 class UsesEffects(Record):
     """Options of a command that uses the catalogue of effects."""
 
-    effects: tuple[Path, ...] = option((), EFFECTS_HELP, repeated=True)
+    effects: tuple[Path, ...] = option((), EFFECTS_HELP, repeated=True, rare=True)
 
 
 @dataclass(frozen=True)
 class Force(Record):
     """Options of a command that writes where an option says."""
 
-    force: bool = option(False, "write over what is there: another's file, a log, an earlier simulation")
+    force: bool = option(False, "write over what is there: another's file, a log, an earlier simulation", rare=True)
 
 
 @dataclass(frozen=True)
 class Pictures(Record):
     """Options of a command that draws its result."""
 
-    pictures: bool = option(True, "draw the pictures", off="write no picture")
+    pictures: bool = option(True, "draw the pictures", off="write no picture", rare=True)
 
 
 @dataclass(frozen=True)
 class Judged(Limit):
     """Options of a command whose exit code is its verdict on a calibration."""
 
-    strict: bool = option(False, "exit 1 for all but PASS without doubts")
+    strict: bool = option(False, "exit 1 for all but PASS without doubts", rare=True)

@@ -65,17 +65,25 @@ class Recording(Command, Stream):
     )
     out: Path | None = option(None, "session folder to write (the next free data/sessionN)", metavar="DIR", read=folder_written)
     resume: bool = option(False, "go on with the recording in --out")
-    note: tuple[Any, ...] = option((), "for [notes] of session.toml, such as operator=…", metavar="KEY=TEXT", read=note_read, repeated=True)
+    note: tuple[Any, ...] = option(
+        (), "for [notes] of session.toml, such as operator=Mara", metavar="KEY=TEXT", read=note_read, repeated=True, rare=True
+    )
     like: Path | None = option(
-        None, "take accelerometer, site and protocol from this session.toml", metavar="TOML", default_key="record.like"
+        None, "take accelerometer, site and protocol from this session.toml", metavar="TOML", default_key="record.like", rare=True
     )
-    sensor: str | None = option(None, "what it is, where the board does not say (see the command sensors)")
+    sensor: str | None = option(None, "what it is, where the board does not report it (see sensors)")
     odr_hz: float | None = option(
-        None, "data rate: set where the board takes commands, else what it is", unit="Hz", least=0.1, most=50_000, flags=("--odr",)
+        None,
+        "data rate: set where the board takes commands, else what it is",
+        unit="Hz",
+        least=0.1,
+        most=50_000,
+        flags=("--odr",),
+        rare=True,
     )
-    gyro_fs_dps: float | None = option(None, "full scale, likewise", unit="dps", least=1, most=1e5, flags=("--gyro-fs",))
-    accel_fs_g: float | None = option(None, "full scale, likewise", unit="g", least=0.1, most=1000, flags=("--accel-fs",))
-    mute: bool = option(False, "no bell")
+    gyro_fs_dps: float | None = option(None, "full scale, likewise", unit="dps", least=1, most=1e5, flags=("--gyro-fs",), rare=True)
+    accel_fs_g: float | None = option(None, "full scale, likewise", unit="g", least=0.1, most=1000, flags=("--accel-fs",), rare=True)
+    mute: bool = option(False, "no bell", rare=True)
     latitude_deg: float | None = option(None, "of the site", cli=False, default_key="site.latitude_deg")
     gravity_mps2: float | None = option(None, "of the site", cli=False, default_key="site.gravity_mps2")
 
@@ -118,7 +126,7 @@ class Turning(Recording):
     segments: int = option(40, "to be accepted", least=1)
     stop_at_target: bool = option(False, "stop as soon as every parameter has reached its target sigma")
     closure: float = option(0.0, "then lead through a closure run with S seconds of turning (60)", unit="s", least=0, most=3600, alone=60.0)
-    coached: bool = option(True, "say which turn is wanted", off="any turn will do", flags=("--no-coach",))
+    coached: bool = option(True, "say which turn is wanted", off="any turn will do", flags=("--no-coach",), rare=True)
     view: Any = option(
         None,
         "show a page in a browser: the board, where it is wanted, what to do (this computer alone; or HOST:PORT to listen on)",

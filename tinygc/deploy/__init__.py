@@ -51,7 +51,7 @@ class Beside(Record):
     """What belongs to a log file to which a model is applied."""
 
     session: Path | None = option(
-        None, "where session.toml is (beside the log); its [accelerometer] then holds, not the model's", metavar="DIR"
+        None, "where session.toml is (next to the log); its [accelerometer] then holds, not the model's", metavar="DIR"
     )
 
 

@@ -10,6 +10,7 @@ from session.base.errors import CalibrationError
 from session.base.features import extended
 from session.base.names import CLOCKS
 from session.base.options import Record, documented, option
+from session.base.texts import install_line
 
 if TYPE_CHECKING:
     import numpy as np
@@ -116,9 +117,8 @@ def device() -> str:
     except ModuleNotFoundError as error:
         if error.name != "torch":
             raise
-        raise CalibrationError(
-            "training as in the paper needs PyTorch: python -m pip install 'tinygc[torch]', or leave out as_in_paper"
-        ) from None
+        install = install_line("torch", "torch>=2.4")
+        raise CalibrationError(f"training as in the paper needs PyTorch: {install}, or leave out as_in_paper") from None
 
     return "cuda" if torch.cuda.is_available() else "cpu"
 
@@ -129,23 +129,21 @@ LARGEST_SEED = 2**63 - 1  #: accepted by every random generator
 
 BIASES = ("auto", "ends", "stills")
 ACCELEROMETERS = ("auto", "given", "fit", "prior")
-OF_ACCELEROMETER = (
-    "the accelerometer's calibration: as it is given, fitted, or given as a prior; auto: a prior while it holds, fitted where none is"
-)
+OF_ACCELEROMETER = "the accelerometer's calibration: as given, fitted, or given as a prior; auto: a prior while it holds, else fitted"
 
 
 @dataclass(frozen=True)
 class Seed(Record):
     """Options of what draws."""
 
-    seed: int = option(0, "of every random draw", least=0, most=LARGEST_SEED)
+    seed: int = option(0, "of every random draw", least=0, most=LARGEST_SEED, rare=True)
 
 
 @dataclass(frozen=True)
 class Earth(Record):
     """Options of what takes rates of a session."""
 
-    earth: bool = option(True, "subtract the Earth's rotation from the rates", off="leave the Earth's rotation in the rates")
+    earth: bool = option(True, "subtract the Earth's rotation from the rates", off="leave the Earth's rotation in the rates", rare=True)
 
 
 @dataclass(frozen=True)
@@ -156,6 +154,7 @@ class AtRest(Earth):
         None,
         "noise figures of the unit, measured at rest: the prior of its bias drift (fit/noise.json in the session folder, if it is there)",
         of_methods=False,
+        rare=True,
     )
 
 
@@ -167,6 +166,7 @@ class Clock(Record):
         CLOCKS[0],
         "arrivals: divide the stamps by sensor.clock_ratio, the board's clock against the computer's as record measured it",
         choices=CLOCKS,
+        rare=True,
     )
 
 
@@ -214,7 +214,7 @@ class FitOptions(AtRest, Clock, Exclude):
     """
 
     methods: tuple[str, ...] = option(
-        CHOSEN, f"methods, in the order of the report, among {','.join(CHOSEN)}", some=CHOSEN, of_methods=False
+        CHOSEN, f"methods, in the order of the report, among {','.join(CHOSEN)}", some=CHOSEN, of_methods=False, rare=True
     )
     folds: int = option(5, "folds of the held-out closure", least=2, cli=False)
     seed: int = option(0, "seed of the swarm", least=0, cli=False)
@@ -229,7 +229,10 @@ class FitOptions(AtRest, Clock, Exclude):
     resume: bool = option(False, "go on with that training where it was interrupted", cli=False, of_methods=False)
     bias_per_log: bool = option(False, "each log has a bias of its own, as of several days; their median is kept", cli=False)
     bias: str = option(
-        "auto", "from the ends of the turns, from the stills around each, or whichever closes held-out segments better", choices=BIASES
+        "auto",
+        "from the ends of the turns, from the stills around each, or whichever closes held-out segments better",
+        choices=BIASES,
+        rare=True,
     )
     accelerometer: str = option(
         "auto",
@@ -241,6 +244,7 @@ class FitOptions(AtRest, Clock, Exclude):
         "a fitted session of the same unit; of two or more, the spread of their biases is that of any session",
         repeated=True,
         of_methods=False,
+        rare=True,
     )
     requirements: Path | None = option(
         None,

@@ -13,4 +13,4 @@ class ReportOptions(Limit):
     """What a calibration report holds, and where it goes."""
 
     explain: bool = option(True, "ask why recording and simulation differ", off="do not ask why recording and simulation differ")
-    pdf: bool = option(False, "print it as well, to a PDF beside it; needs Chromium")
+    pdf: bool = option(False, "print it as well, to a PDF next to it; needs Chromium")

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 
 from session.base.errors import CalibrationError
 from session.base.results import whole, write_text_whole
-from session.base.texts import fixed, print_minus
+from session.base.texts import fixed, install_line, print_minus
 from tinygc.reporting.html.markup import escape
 
 # Colours and styles, of which the style sheet of pages and of SVG files is made, and the PNG.
@@ -549,9 +549,8 @@ class Picture:
         except ImportError:
             instead = path.with_suffix(".svg")
             write_text_whole(instead, self._repr_svg_() + "\n")
-            raise CalibrationError(
-                f"{path}: a PNG needs matplotlib (python -m pip install 'tinygc[plot]'); {instead.name} is written instead"
-            ) from None
+            install = install_line("plot", "matplotlib>=3.8")
+            raise CalibrationError(f"{path}: a PNG needs matplotlib ({install}); {instead.name} is written instead") from None
         _save_png(canvas.Figure, *self.shapes(FILE_WIDTH - 2 * MARGIN), path)
 
 

@@ -43,11 +43,11 @@ class SimulationOptions(Record):
     # Sensor
     odr_hz: float = option(208.0, "nominal: 62.5, 104, 208, 416, 833, 1667, 3333 or 6667", unit="Hz", choices=tuple(GYRO_LPF2_HZ))
     odr_error: float | None = option(
-        None, "fraction, rounded to the chip's steps of 0.15 %; None: drawn, 2 %", least=-0.19, most=0.19, cli=False
+        None, "fraction, rounded to the chip's steps of 0.15 %; None: drawn, 2 %", least=-0.19, most=0.19, cli=False, rare=True
     )
     sensor: str = option(DEFAULT, "whose registers it has (calibrate.py sensors)")
-    gyro_fs_dps: float = option(500.0, "full scale", unit="dps")
-    accel_fs_g: float = option(4.0, "full scale", unit="g")
+    gyro_fs_dps: float = option(500.0, "full scale", unit="dps", rare=True)
+    accel_fs_g: float = option(4.0, "full scale", unit="g", rare=True)
     gyro_noise_dps_rthz: float = option(0.005, "white, one-sided density", unit="dps/sqrt(Hz)", least=0, most=100, cli=False)
     accel_noise_ug_rthz: float = option(60.0, "white, one-sided density", unit="ug/sqrt(Hz)", least=0, most=1e6, cli=False)
     bias_instability_dph: float = option(
@@ -73,15 +73,15 @@ class SimulationOptions(Record):
     heading_deg: float | None = option(
         None, "from true north to the table's index direction; None: drawn", unit="deg", least=-360, most=360
     )
-    with_heading: bool = option(False, "whether session.toml tells the heading")
+    with_heading: bool = option(False, "whether session.toml has the heading", rare=True)
     lever_m: tuple[float, float, float] = option(
         (0.02, -0.015, 0.01), "from the crossing of the gimbals to the sensor, in b", unit="m", least=-10, most=10
     )
-    vigour: float = option(1.0, "scales angles and rates of the turns; never beyond 0.85 of full scale", least=1e-3, most=1000)
+    vigour: float = option(1.0, "scales angles and rates of the turns; never beyond 0.85 of full scale", least=1e-3, most=1000, rare=True)
     still_s: float = option(1.0, "still that the protocol asks for on each side of a turn", unit="s", least=0.1, cli=False)
-    turn_s: float = option(3.0, "usual length of a turn", unit="s", least=0.01)
-    stop_sigma_deg: float = option(0.0, "a stop's repeatability: turns about one gimbal go into turns.csv; 0: none", unit="deg")
-    unit_seed: int = option(-1, "seed of the unit's errors, for several sessions of one unit; -1: that of the rest", least=-1)
+    turn_s: float = option(3.0, "usual length of a turn", unit="s", least=0.01, rare=True)
+    stop_sigma_deg: float = option(0.0, "a stop's repeatability: turns about one gimbal go into turns.csv; 0: none", unit="deg", rare=True)
+    unit_seed: int = option(-1, "seed of the unit's errors, for several sessions of one unit; -1: that of the rest", least=-1, rare=True)
 
     @property
     def unit_drawn_from(self) -> int:

@@ -18,6 +18,7 @@ import numpy as np
 from session.base.budget import RECORD, current
 from session.base.errors import CalibrationError, FormatError
 from session.base.files import open_file
+from session.base.texts import install_line
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +83,7 @@ def library(path: Path, what: str, module: str, package: str, extra: str = "logs
     try:
         return import_module(module)
     except ImportError:
-        raise FormatError(f"{path}: {what}; reading it needs {package}: python -m pip install 'tinygc[{extra}]'") from None
+        raise FormatError(f"{path}: {what}; reading it needs {package}: {install_line(extra, package)}") from None
 
 
 @contextlib.contextmanager

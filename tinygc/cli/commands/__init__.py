@@ -1,8 +1,8 @@
-"""The commands of ``calibrate.py``, one file each, in the order of ``--help``.
+"""The commands of ``calibrate.py``, one file each.
 
 A command's file has a record ``Options`` (``session/base/options.py``, with what is shared in ``tinygc/cli/options.py``) and
 ``run(options)``, which returns the exit code.  It imports nothing heavy at its top, so that its ``--help`` is instant.  To add a command,
-add a file and a line below: its name, its module, and what ``--help`` says of it.
+add a file and a line below.
 
 Features have further commands, and options of these (``session/base/features.py``).
 """
@@ -14,25 +14,22 @@ from types import ModuleType
 
 from session.base import features
 
+#: groups of commands, in the order of ``--help``
+GROUPS = ("try", "bench", "result", "over time", "lab", "many")
+#: name -> module, summary of at most 60 characters, group
 COMMANDS = {
-    "demo": ("demo", "try the tool: write a simulated session, fit it, compare with its truth"),
-    "sensors": ("sensors", "list the sensors that are known, or all that is known of one"),
-    "board": ("board", "a virtual board: streams a session through a pseudo-terminal"),
-    "record": ("record", "record a guided session from a serial port"),
-    "import": (
-        "import_",
-        "make a session folder of any log: a logger's, a telephone's, a robot's, a flight controller's, or a port's raw bytes",
-    ),
-    "check": (
-        "check",
-        "a first look at a session: units, scales, rates, gaps, axes, stills; of a folder of sessions, a list of them",
-    ),
-    "fit": ("fit", "fit the calibration, compare the methods, print the closure errors"),
-    "explain": ("explain", "say why the recording differs from the simulation, and prove it"),
-    "report": ("report", "the calibration report: one HTML file that needs nothing else"),
-    "apply": ("apply", "calibrate the rates and the specific force of a log"),
-    "export": ("export", "write the calibration for other programs"),
-    "simulate": ("simulate", "write a simulated session"),
+    "demo": ("demo", "a simulated session, fitted and compared with its truth", "try"),
+    "simulate": ("simulate", "write a simulated session", "try"),
+    "board": ("board", "a virtual board that streams a session", "try"),
+    "record": ("record", "record a guided session from a serial port", "bench"),
+    "import": ("import_", "make a session folder of any program's log", "bench"),
+    "check": ("check", "whether a session can be fitted; list a folder's sessions", "bench"),
+    "sensors": ("sensors", "the known sensors, or all about one of them", "bench"),
+    "fit": ("fit", "fit the calibration and test it on held-out turns", "result"),
+    "explain": ("explain", "why the recording differs from the model", "result"),
+    "report": ("report", "the calibration as one HTML page", "result"),
+    "apply": ("apply", "calibrate the rates and the specific force of a log", "result"),
+    "export": ("export", "write the calibration for other programs", "result"),
 }
 
 
@@ -42,5 +39,13 @@ def command_module(name: str) -> ModuleType | None:
 
 
 def commands() -> dict[str, str]:
-    """Return name -> summary of all commands, those of features last."""
-    return {name: summary for name, (_, summary) in (COMMANDS | features.names("commands")).items()}
+    """Return name -> summary of all commands, in the order of ``--help``."""
+    return {name: summary for group in grouped().values() for name, summary in group.items()}
+
+
+def grouped() -> dict[str, dict[str, str]]:
+    """Return group -> name -> summary; other people's features may have groups of their own, which are the last."""
+    found: dict[str, dict[str, str]] = {group: {} for group in GROUPS}
+    for name, (_, summary, group) in (COMMANDS | features.names("commands")).items():
+        found.setdefault(group, {})[name] = summary
+    return found

@@ -33,29 +33,33 @@ class Options(Command, Force, Seed):
     closure: float = option(0.0, "closure run behind it, begun on the index mark; 0: none", unit="s", least=0, most=LONGEST_S)
     raw_accelerometer: float | None = option(
         None,
-        "one that nobody has calibrated: bias of so many mg (30), scale 1 %, axes 5 mrad; --config then says nothing of it",
+        "one that nobody has calibrated: bias of so many mg (30), scale 1 %, axes 5 mrad; --config then does not mention it",
         unit="mg",
         above=0,
         alone=30.0,
+        rare=True,
     )
     take: int | None = option(
-        None, "which movement of the simulated sensor to stream (the next one that a board at this link has not begun yet)", least=1
+        None,
+        "which movement of the simulated sensor to stream (the next one that a board at this link has not begun yet)",
+        least=1,
+        rare=True,
     )
-    frames: bool = option(False, "send frames instead of text lines")
-    physical: bool = option(False, "send text lines in dps, g and degC instead of registers")
-    sensor: str = option("ASM330LHH", "whose registers the simulated one has")
-    gyro_fs: float = option(500.0, "its full scale", unit="dps", least=1, most=1e5)
-    accel_fs: float = option(4.0, "its full scale", unit="g", least=0.1, most=1000)
-    speed: float = option(1.0, "so many times faster than real", above=0)
-    lead: float = option(10.0, "still time before the session", unit="s", least=0, most=LONGEST_S)
-    tail: float | None = option(None, "still time behind it, then stop (go on for ever)", unit="s", least=0, most=LONGEST_S)
-    uptime: float = option(0.0, "device time at the start", unit="s", least=0, most=LONGEST_S)
-    faults: str = option("", "lost, torn, flip: probability; garbage: bytes; reset, unplug: s", metavar="NAME=X,…", read=str)
+    frames: bool = option(False, "send frames instead of text lines", rare=True)
+    physical: bool = option(False, "send text lines in dps, g and degC instead of registers", rare=True)
+    sensor: str = option("ASM330LHH", "whose registers the simulated one has", rare=True)
+    gyro_fs: float = option(500.0, "its full scale", unit="dps", least=1, most=1e5, rare=True)
+    accel_fs: float = option(4.0, "its full scale", unit="g", least=0.1, most=1000, rare=True)
+    speed: float = option(1.0, "so many times faster than real", above=0, rare=True)
+    lead: float = option(10.0, "still time before the session", unit="s", least=0, most=LONGEST_S, rare=True)
+    tail: float | None = option(None, "still time behind it, then stop (go on for ever)", unit="s", least=0, most=LONGEST_S, rare=True)
+    uptime: float = option(0.0, "device time at the start", unit="s", least=0, most=LONGEST_S, rare=True)
+    faults: str = option("", "lost, torn, flip: probability; garbage: bytes; reset, unplug: s", metavar="NAME=X", read=str)
     memory: int | None = option(
-        None, "what it holds back while its reader is busy (65536, times --speed if that is above 1)", least=1, metavar="BYTES"
+        None, "what it holds back while its reader is busy (65536, times --speed if that is above 1)", least=1, metavar="BYTES", rare=True
     )
     link: Path | None = option(None, "name of the port (tinygc-board in the temporary folder)", metavar="PATH", read=file_written)
-    config: Path | None = option(None, "write the session.toml that belongs to the stream", read=file_written)
+    config: Path | None = option(None, "write the session.toml that belongs to the stream", read=file_written, rare=True)
 
 
 def run(args: Options) -> int:

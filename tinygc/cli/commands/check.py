@@ -17,13 +17,13 @@ class Options(Command, UsesEffects):
     """Options of ``check``."""
 
     folder: Path = argument("session folder, or an array's; or one with sessions, three folders deep (this one)", Path())
-    strict: bool = option(False, "exit 1 on warnings")
+    strict: bool = option(False, "exit 1 on warnings", rare=True)
     all: bool = option(False, "a table of all that was looked at, what is ok included")
-    plan: int | None = option(None, "say which movements to record next, so many at most (5)", least=1, alone=5)
+    plan: int | None = option(None, "which movements to record next, so many at most (5)", least=1, alone=5)
     repair: Path | None = option(
         None, "write the corrected copy of a session whose errors have a known cause", metavar="OUT", read=folder_written
     )
-    cause: int | None = option(None, "with --repair: which of several causes that explain an error alike")
+    cause: int | None = option(None, "with --repair: which of several causes that explain an error alike", rare=True)
 
 
 def run(args: Options) -> int:
@@ -34,6 +34,8 @@ def run(args: Options) -> int:
         raise CalibrationError("--cause names one of several causes for --repair; add --repair OUT")
     if args.plan is not None:
         return _plan(args, args.plan)
+    if not args.folder.exists():
+        raise CalibrationError(f"{args.folder}: no such folder")
     if args.folder.is_dir() and not is_session(args.folder) and not any(args.folder.glob("*.csv*")):
         return _list(args)
     from session.detect.findings import worst

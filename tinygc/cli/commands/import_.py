@@ -16,22 +16,25 @@ from tinygc.cli.results import output, write_json
 class Options(Answers, Into, Command):
     """Options of ``import``."""
 
-    logs: tuple[Path, ...] = argument("the log; or the gyroscope's and the accelerometer's; or raw.bin", (), metavar="LOG")
-    out: Path | None = option(None, "session folder to make (named as the log, beside it)", metavar="DIR", read=folder_written)
+    logs: tuple[Path, ...] = argument("the log; or gyroscope's and accelerometer's; or raw.bin", (), metavar="LOG")
+    out: Path | None = option(None, "session folder to make (named as the log, next to it)", metavar="DIR", read=folder_written)
     list: bool = option(False, "list what is read, each with an example line")
-    header: str | None = option(None, "of raw.bin in text that does not hold it: t_us,gx_dps,…", metavar="LINE", read=stream_header)
+    header: str | None = option(
+        None, "of raw.bin in text that does not hold it, as t_us,gx_dps", metavar="LINE", read=stream_header, rare=True
+    )
     even: bool = option(
-        False, "count the samples along their stamps, which scatter or are rounded: at one rate, on straight lines between gaps"
+        False, "count the samples along their stamps, which scatter or are rounded: at one rate, on straight lines between gaps", rare=True
     )
     most_memory: int | None = option(
         None,
         "memory that reading may take, such as 3GB (1GB, or 20 times what the files take on the disk)",
         metavar="SIZE",
         read=memory,
+        rare=True,
     )
     columns: tuple[str, ...] = option(  # type: ignore[assignment]  # of one file ``Answers`` has one
         (),
-        "of any other table: t_us=NAME,gx_dps=NAME,…,az_g=NAME,temp_c=NAME; once for each file",
+        "of any other table: t_us=NAME,gx_dps=NAME and so on to temp_c=NAME; once for each file",
         metavar="LIST",
         repeated=True,
         read=str,

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from session.bench.session_file import SessionFile
     from session.log.config import Config
 
-EPILOG = """keys, where standard input is a terminal: p pauses (what comes is kept, and not judged) and goes on; d drops the last turn
+EPILOG = """keys, where standard input is a terminal: p pauses (what comes is kept, and not used) and goes on; d drops the last turn
 (its segment is left out, its data stay); n begins a note, Enter keeps it in session.toml; in the closure run d begins the run again,
 and Enter says that the table stands on its index mark; in a rest f ends it; s stops a machine
 at once.  Where standard input is no terminal there are no keys."""

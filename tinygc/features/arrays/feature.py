@@ -28,15 +28,17 @@ class ArrayOptions(Record):
         most=MOST_UNITS,
         group=GROUP,
     )
-    mounting_deg: float = option(2.0, "about each axis, from the first unit's axes to another's", unit="deg", least=0, most=30, group=GROUP)
+    mounting_deg: float = option(
+        2.0, "about each axis, from the first unit's axes to another's", unit="deg", least=0, most=30, group=GROUP, rare=True
+    )
     position_mm: float = option(
-        20.0, "along each axis, from the first unit to another", unit="mm", least=0, most=1000, group=GROUP, cli=False
+        20.0, "along each axis, from the first unit to another", unit="mm", least=0, most=1000, group=GROUP, cli=False, rare=True
     )
     clock_offset_ms: float = option(
-        20.0, "another unit's clock against the first one's", unit="ms", least=0, most=10000, group=GROUP, cli=False
+        20.0, "another unit's clock against the first one's", unit="ms", least=0, most=10000, group=GROUP, cli=False, rare=True
     )
     clock_rate: float = option(0.002, "fraction, another unit's clock against the first one's", least=0, most=0.05, group=GROUP, cli=False)
-    synchronous: bool = option(False, "one reader takes all units at one moment, by one clock", group=GROUP)
+    synchronous: bool = option(False, "one reader takes all units at one moment, by one clock", group=GROUP, rare=True)
     jerk_deg: float = option(
         0.0,
         "jerks quicker than half the data rate, three a turn, felt by all; 0: none",
@@ -45,9 +47,10 @@ class ArrayOptions(Record):
         most=10,
         group=GROUP,
         cli=False,
+        rare=True,
     )
     knock_deg: float = option(
-        0.0, "of one knock in the middle turn, felt by all; 0: none", unit="deg", least=0, most=10, group=GROUP, cli=False
+        0.0, "of one knock in the middle turn, felt by all; 0: none", unit="deg", least=0, most=10, group=GROUP, cli=False, rare=True
     )
     false_reading_dps: float = option(
         0.0,
@@ -57,9 +60,10 @@ class ArrayOptions(Record):
         most=2000,
         group=GROUP,
         cli=False,
+        rare=True,
     )
     reference_error_mg: float = option(
-        0.0, "a level acceleration in each still, felt by all; 0: none", unit="mg", least=0, most=100, group=GROUP, cli=False
+        0.0, "a level acceleration in each still, felt by all; 0: none", unit="mg", least=0, most=100, group=GROUP, cli=False, rare=True
     )
 
 
@@ -67,14 +71,14 @@ class ArrayOptions(Record):
 class ImportOptions(Record):
     """Options of ``import``."""
 
-    array_by: str | None = option(None, "of several sensors' rows: an array, of each value in this column a unit")
+    array_by: str | None = option(None, "of several sensors' rows: an array, of each value in this column a unit", rare=True)
 
 
 @dataclass(frozen=True)
 class ApplyOptions(Record):
     """Options of ``apply``."""
 
-    which: str | None = option(None, "of an array's folder with several logs: log0002", metavar="LOG")
+    which: str | None = option(None, "of an array's folder with several logs: log0002", metavar="LOG", rare=True)
 
 
 # What is an array: a folder by the names of its logs, or by ``[array]`` in its session.toml.

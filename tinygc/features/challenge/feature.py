@@ -4,7 +4,7 @@ from session.base.features import Feature
 
 FEATURE = Feature(
     commands={
-        "challenge": ("command", "examine explain on sessions that conceal one to three effects, blind"),
+        "challenge": ("command", "test explain on sessions with concealed effects", "try"),
     },
     serves={"proof of an effect": "proofs:check"},
 )

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 class LotOptions(Record):
     """The lot that the unit is of."""
 
-    lot: Path | None = option(None, "prior from a production lot (lot.json), of least squares alone: fewer turns are enough")
+    lot: Path | None = option(None, "prior from a production lot (lot.json), of least squares alone: fewer turns are enough", rare=True)
 
 
 # What the core asks of a fleet's table and of a lot.
@@ -71,7 +71,7 @@ def prior(options: FitOptions, sensor: str) -> LotFile | None:
 
 FEATURE = Feature(
     commands={
-        "fleet": ("command", "check, fit and explain thousands of sessions, each once, into one table and one page"),
+        "fleet": ("command", "thousands of sessions in one table; the spread of a lot", "many"),
     },
     public={"fleet": "library", "lot": "library"},
     serves={

@@ -21,7 +21,7 @@ from time import monotonic
 from typing import Any
 
 from session.base.errors import CalibrationError
-from session.base.texts import printable
+from session.base.texts import install_line, printable
 from tinygc.features.fleet.fleet_row import DIED, DONE, FleetOptions, Job, Outcome, compute, empty, key_of
 from tinygc.features.fleet.fleet_table import WATCH_S, FleetTable
 
@@ -254,7 +254,8 @@ class Cluster:
         try:
             import distributed
         except ImportError:
-            raise CalibrationError("--scheduler needs the package distributed: python -m pip install 'tinygc[fleet]'") from None
+            install = install_line("fleet", "distributed>=2024.5")
+            raise CalibrationError(f"--scheduler needs the package distributed: {install}") from None
         self._distributed, self._address, self._seen_s = distributed, address, monotonic()
         for name in logging.root.manager.loggerDict:
             if name.split(".")[0] == "distributed":  # what it would log, the run says in one line

@@ -4,11 +4,8 @@ from session.base.features import Feature
 
 FEATURE = Feature(
     commands={
-        "noise": (
-            "command",
-            "the noise of a sensor at rest, from milliseconds to hours: each term with its sigma, and when the others will be known",
-        ),
-        "noise record": ("record_command", "record a rest log, and show how long is enough for the noise"),
+        "noise": ("command", "the noise of a sensor at rest, term by term", "lab"),
+        "noise record": ("record_command", "record a rest log until its noise is known", "lab"),
     },
     public={"estimate_noise": "library"},
 )

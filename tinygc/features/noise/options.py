@@ -18,7 +18,7 @@ class NoiseOptions(Record):
     sensor: str = option("", "what the sensor is, such as MPU-9250", read=str)
     serial: str = option("", "which one it is", metavar="TEXT", read=str)
     curve: Path | None = option(None, "columns of tau in s and deviations: 1 or 3 of each sensor", group=CURVE)
-    curve_units: str | None = option(None, "of its deviations, where its header does not say them: m/s2,deg/s", metavar="LIST", group=CURVE)
+    curve_units: str | None = option(None, "of its deviations, where its header has none: m/s2,deg/s", metavar="LIST", group=CURVE)
     duration_s: float | None = option(
         None, "how long the recording was that it is from", unit="s", least=0, most=LONGEST_S, flags=("--duration",), group=CURVE
     )

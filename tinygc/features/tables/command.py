@@ -67,12 +67,17 @@ class Options(Command, Seed):
     )
     yes: bool = option(False, "the plan is confirmed: do not ask")
     link: Path | None = option(
-        None, "name of its port (tinygc-table in the temporary folder)", metavar="PATH", read=file_written, group=VIRTUAL
+        None, "name of its port (tinygc-table in the temporary folder)", metavar="PATH", read=file_written, group=VIRTUAL, rare=True
     )
     faults: str = option(
-        "", "what goes wrong, and when: estop@20, stall@move2 (docs/features/tables/tables.md)", metavar="NAME@S,…", read=str, group=VIRTUAL
+        "",
+        "what goes wrong, and when: estop@20, stall@move2 (docs/features/tables/tables.md)",
+        metavar="NAME@S",
+        read=str,
+        group=VIRTUAL,
+        rare=True,
     )
-    resets: bool = option(False, "it restarts when its port is opened, as an Arduino Uno does", group=VIRTUAL)
+    resets: bool = option(False, "it restarts when its port is opened, as an Arduino Uno does", group=VIRTUAL, rare=True)
 
 
 def run(args: Options) -> int:

@@ -11,7 +11,7 @@ from session.base.features import Feature
 from session.base.options import Record, file_written, option
 
 GROUP = "a virtual table under it"
-COLUMNS = "a CSV whose header does not say it"
+COLUMNS = "a CSV whose header does not name its columns"
 
 
 @dataclass(frozen=True)
@@ -26,9 +26,11 @@ class TableOptions(Record):
         flags=("--table",),
         group=GROUP,
     )
-    link: Path | None = option(None, "name of the table's port", metavar="PATH", read=file_written, group=GROUP)
-    faults: str = option("", "what goes wrong with the table (docs/features/tables/tables.md)", metavar="NAME@S,…", read=str, group=GROUP)
-    resets: bool = option(False, "the table restarts when its port is opened, as an Arduino Uno does", group=GROUP)
+    link: Path | None = option(None, "name of the table's port", metavar="PATH", read=file_written, group=GROUP, rare=True)
+    faults: str = option(
+        "", "what goes wrong with the table (docs/features/tables/tables.md)", metavar="NAME@S", read=str, group=GROUP, rare=True
+    )
+    resets: bool = option(False, "the table restarts when its port is opened, as an Arduino Uno does", group=GROUP, rare=True)
 
 
 @dataclass(frozen=True)
@@ -59,16 +61,10 @@ def explained(explanation: Any, seed: int) -> Any:
 
 FEATURE = Feature(
     commands={
-        "table": ("command", "a table that turns by itself: makes, description, where it is, home, turn, stop; a virtual one"),
-        "table record": ("record_command", "record a session that a machine turns; the plan is printed, and confirmed once"),
-        "rates": (
-            "rates.command",
-            "rate steps and sine sweeps of a rate table: the law of the output, the terms of IEEE 1431, bandwidth and delay",
-        ),
-        "rates record": (
-            "rates.record_command",
-            "record steps of known rates, in both senses, which a machine turns; their log is rates0001.csv",
-        ),
+        "table": ("command", "a table with motors: describe it, home it, turn it", "lab"),
+        "table record": ("record_command", "record a session that a table turns", "lab"),
+        "rates": ("rates.command", "scale and linearity from rate steps, bandwidth from sweeps", "lab"),
+        "rates record": ("rates.record_command", "record rate steps that a table turns", "lab"),
     },
     public={"estimate_rates": "rates.library"},
     serves={

@@ -32,9 +32,9 @@ class RestOptions(Record):
     PREFIX = "rest-"
 
     cycles: float = option(0.0, "of the temperature in the rest log; 0: a session with turns is simulated", least=0, most=1000, group=GROUP)
-    cycle_s: float = option(3600.0, "length of a cycle", unit="s", least=10, most=1e7, group=GROUP)
+    cycle_s: float = option(3600.0, "length of a cycle", unit="s", least=10, most=1e7, group=GROUP, rare=True)
     cold_c: float = option(-10.0, "coldest, where it begins", unit="degC", least=-40, most=105, group=GROUP, cli=False)
-    warm_c: float = option(70.0, "warmest", unit="degC", least=-40, most=105, group=GROUP)
+    warm_c: float = option(70.0, "warmest", unit="degC", least=-40, most=105, group=GROUP, rare=True)
     zero_dps: tuple[float, float, float] = option(
         (0.5, -0.3, 0.6), "the zero in the middle of the range", unit="dps", least=-1e4, most=1e4, group=GROUP, cli=False
     )
@@ -43,7 +43,13 @@ class RestOptions(Record):
     )
     bend_dps_per_c2: float = option(2e-4, "its curvature", unit="dps/degC^2", least=-10, most=10, group=GROUP, cli=False)
     lag_s: float = option(
-        0.0, "by which the element is behind the temperature reading; negative: ahead of it", unit="s", least=-1e5, most=1e5, group=GROUP
+        0.0,
+        "by which the element is behind the temperature reading; negative: ahead of it",
+        unit="s",
+        least=-1e5,
+        most=1e5,
+        group=GROUP,
+        rare=True,
     )
     hysteresis_dps: float = option(0.0, "between the way up and the way down", unit="dps", least=-1e4, most=1e4, group=GROUP, cli=False)
     random_walk_dps_rts: float = option(0.0, "how the zero wanders besides", unit="dps/sqrt(s)", least=0, most=100, group=GROUP, cli=False)
@@ -69,7 +75,7 @@ def fit(args: Any) -> None:
 
 FEATURE = Feature(
     commands={
-        "temperature": ("command", "one calibration over temperature, of sessions and rest logs of one sensor"),
+        "temperature": ("command", "one calibration over temperature from several sessions", "lab"),
     },
     public={"fit_temperature": "library", "ThermalFit": "sessions_fit"},
     kinds={"thermal": "model"},

@@ -33,7 +33,7 @@ class KnownAngles:
 class ImportOptions(Record):
     """Options of ``import``."""
 
-    turns: Path | None = option(None, "of a gyroscope alone: turns.csv, the known angles of its turns")
+    turns: Path | None = option(None, "of a gyroscope alone: turns.csv, the known angles of its turns", rare=True)
 
 
 # What the core asks: each function answers None of any other folder, and imports the rest only where it is one.

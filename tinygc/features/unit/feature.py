@@ -4,19 +4,10 @@ from session.base.features import Feature
 
 FEATURE = Feature(
     commands={
-        "verify": (
-            "verification.command",
-            "say whether a calibration still holds by a short recording of today, and if not, why, what it costs, and what to do",
-        ),
-        "watch": (
-            "watch.command",
-            "watch a live stream or a log: whether the zero, gravity and the turns still agree with the calibration",
-        ),
-        "history": (
-            "history.command",
-            "one unit over its sessions: scatter between switch-ons, drift a year, shocks, when to calibrate next",
-        ),
-        "budget": ("budget.command", "the uncertainty by source: of each parameter, and of the attitude after a motion"),
+        "verify": ("verification.command", "whether a calibration still holds, by a minute of today", "over time"),
+        "watch": ("watch.command", "compare a live stream or a log with its calibration", "over time"),
+        "history": ("history.command", "one unit over its sessions, and when to recalibrate", "over time"),
+        "budget": ("budget.command", "the uncertainty by source, of parameters and of attitude", "lab"),
     },
     public={
         "certificate": "certificate.content",

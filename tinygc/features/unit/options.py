@@ -22,7 +22,7 @@ SPREAD = "what may have changed without a fault"
 class VerifyOptions(Earth):
     """What a person may set of a verification."""
 
-    false_alarm: float = option(0.05, "probability of any false alarm, over all questions", above=0, most=0.999999, metavar="P")
+    false_alarm: float = option(0.05, "probability of any false alarm, over all questions", above=0, most=0.999999, metavar="P", rare=True)
     limit_deg: float = option(
         1.0, "that a minute of use may miss before a change matters", unit="deg", above=0, most=180, flags=("--limit",)
     )
@@ -45,9 +45,10 @@ class VerifyOptions(Earth):
         most=1e9,
         flags=("--elapsed",),
         group=SPREAD,
+        rare=True,
     )
     noise: Path | None = option(None, "noise figures of the unit (noise.json): its drift in that time", group=SPREAD)
-    other_serial: bool = option(False, "go on with a recording of another serial number")
+    other_serial: bool = option(False, "go on with a recording of another serial number", rare=True)
 
 
 @dataclass(frozen=True)
@@ -61,8 +62,9 @@ class WatchOptions(Record):
         read=duration,
         above=0,
         flags=("--false-alarm-every",),
+        rare=True,
     )
-    noise: Path | None = option(None, "noise.json of this unit, or its folder (beside the model)", metavar="PATH")
+    noise: Path | None = option(None, "noise.json of this unit, or its folder (next to the model)", metavar="PATH")
     session: Path | None = option(None, "where session.toml is: place, full scales, accelerometer", metavar="DIR")
 
 
@@ -88,7 +90,7 @@ _day.__name__ = "date"
 class HistoryOptions(Record):
     """What a history is asked for."""
 
-    serial: str = option("", "only this unit, where there are several", metavar="TEXT", read=str)
+    serial: str = option("", "only this unit, where there are several", metavar="TEXT", read=str, rare=True)
     accuracy: str = option("", "until when the attitude after this time at rest is within this: 1deg/60s", metavar="DEG/S", read=str)
     require: tuple[str, ...] = option(
         (),
@@ -97,7 +99,7 @@ class HistoryOptions(Record):
         read=str,
         repeated=True,
     )
-    today: Any = option(None, "the day to answer for (today)", metavar="DATE", read=_day)
+    today: Any = option(None, "the day to answer for (today)", metavar="DATE", read=_day, rare=True)
 
 
 # What its numbers are worth: budget and certificate.
@@ -134,6 +136,7 @@ class BudgetOptions(Seed):
         most=200,
         flags=("--warmer",),
         group=USE,
+        rare=True,
     )
     of: tuple[str, ...] = option(
         (),
@@ -146,6 +149,7 @@ class BudgetOptions(Seed):
         0,
         "check by draws of all errors, at most so many, fitted each time (JCGM 101); exit 1 if they differ, 5 if too few",
         least=0,
+        rare=True,
     )
 
 
@@ -159,5 +163,5 @@ class CertificateOptions(Record):
         read=file_written,
         alone=OWN_PLACE,
     )
-    dcc: Path | None = option(None, "write the certificate as a Digital Calibration Certificate, XML", read=file_written)
-    as_found: Path | None = option(None, "the model in use until now: the certificate states its errors as found")
+    dcc: Path | None = option(None, "write the certificate as a Digital Calibration Certificate, XML", read=file_written, rare=True)
+    as_found: Path | None = option(None, "the model in use until now: the certificate states its errors as found", rare=True)

@@ -27,7 +27,7 @@ class Options(Recording, Machine):
     NAME = "rates record"
     TURNS = False
 
-    rates: tuple[float, ...] = option(..., "of the steps", unit="dps", above=0, most=1e5, metavar="DPS,…", read=numbers)
+    rates: tuple[float, ...] = option(..., "of the steps", unit="dps", above=0, most=1e5, metavar="DPS,DPS", read=numbers)
     dwell: float = option(10.0, "of a rate", unit="s", least=0, most=3600)
     axis: str | None = option(None, "the axis that turns (the innermost one)")
 

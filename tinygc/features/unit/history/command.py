@@ -20,8 +20,8 @@ class Options(HistoryOptions, Pictures, Command, UsesEffects):
         "fitted session folders of a unit, folders that hold such, or a fleet's folder", metavar="DIR|FLEET"
     )
     compare: bool = option(False, "only whether the calibrations of these sessions agree in E, exit 1 if not (p < 0.01)")
-    bias: bool = option(False, "with --compare: in B, too, of a sensor that was never switched off in between")
-    dates: Path | None = option(None, "a CSV of session,date, for sessions that do not say their date")
+    bias: bool = option(False, "with --compare: in B, too, of a sensor that was never switched off in between", rare=True)
+    dates: Path | None = option(None, "a CSV of session,date, for sessions without a date", rare=True)
     all: bool = option(False, "show the accelerometer's numbers, and the values of each session")
     out: Path | None = option(None, "where history.json, history.html and history.svg go", metavar="DIR", read=folder_written)
 

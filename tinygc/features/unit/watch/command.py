@@ -13,7 +13,7 @@ from tinygc.cli.results import Interruption, complain, output
 from tinygc.features.unit.options import SourceOptions, WatchOptions
 
 EPILOG = (
-    "exit code: 0 no alarm, 1 an alarm, 5 no rest to judge, or a zero that is to be taken anew; Ctrl-C ends a watch as the end of "
+    "exit code: 0 no alarm, 1 an alarm, 5 no rest to evaluate, or a zero that is to be measured again; Ctrl-C ends a watch as the end of "
     "the stream does"
 )
 

@@ -236,7 +236,7 @@ def test_one_clock_runs_through_all_logs(body):
     at = np.array([parts.about_s])
     assert parts.array_time(at) == pytest.approx(whole.array_time(at), abs=5 * whole.offset_sigma_s)
     assert parts.rate == pytest.approx(whole.rate, abs=5 * whole.rate_sigma)
-    with pytest.raises(CalibrationError, match=r"unit 1: its clock was set anew between two logs: .* give each log an array's folder"):
+    with pytest.raises(CalibrationError, match=r"unit 1: its clock was reset between two logs: .* give each log an array's folder"):
         clock_fits(in_two_logs(array, 3.0))
 
 

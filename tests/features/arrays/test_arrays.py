@@ -147,7 +147,7 @@ def alike(folder):
 
 
 FAULTS = [
-    (without("log0002.unit3.csv"), r"log0002 lacks unit 3 of 0, 3, 12; every log needs a file of every unit: add log0002\.unit3\.csv"),
+    (without("log0002.unit3.csv"), r"log0002 has no unit 3 of 0, 3, 12; every log needs a file of every unit: add log0002\.unit3\.csv"),
     (lambda at: log(at / "log0001.unit3.csv.gz"), r"log0001\.unit3\.csv and log0001\.unit3\.csv\.gz; keep one"),
     (lambda at: log(at / "log0003.csv"), r"log0003\.csv names no unit next to units 0, 3, 12; expected log0003\.unit0\.csv"),
     (lambda at: log(at / "log0003.unit03.csv"), r"log0003\.unit03\.csv: expected a unit's number from 0 to 9999 without leading zeros"),

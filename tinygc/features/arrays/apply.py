@@ -214,8 +214,8 @@ def apply_array(
     if counts["at_end"]:
         notes.append(f"{counts['at_end']} samples are at the end of every unit's range: the rate was at least as great as written")
     share = {number: float(value) for number, value in zip(model.numbers, used / counts["rows"], strict=True)}
-    said = (*notes, *(f"{unit.reader.path.name}: {note}" for unit in reading for note in unit.reader.notes))
-    applied = (out, counts["rows"], "array", 0.0, "model" if force else "none", said, model_path.name)
+    remarks = (*notes, *(f"{unit.reader.path.name}: {note}" for unit in reading for note in unit.reader.notes))
+    applied = (out, counts["rows"], "array", 0.0, "model" if force else "none", remarks, model_path.name)
     return ArrayApplied(*applied, which, counts["left_out"], counts["at_end"], share, source, model.noise_density)
 
 
@@ -223,8 +223,8 @@ def _chosen(folder: Path, logs: dict[str, dict[int, Path]], which: str | None) -
     if which is None and len(logs) == 1:
         return next(iter(logs))
     if which not in logs:
-        said = f"no {which}" if which is not None else f"{len(logs)} logs"
-        raise FormatError(f"{folder}: {said}; give --which one of {', '.join(logs)}")
+        found = f"no {which}" if which is not None else f"{len(logs)} logs"
+        raise FormatError(f"{folder}: {found}; give --which one of {', '.join(logs)}")
     return which
 
 
@@ -242,7 +242,7 @@ def _clocks(model: ArrayModel, folder: Path, paths: dict[int, Path]) -> tuple[di
     order = [array.numbers.index(number) for number in model.numbers if number in array.numbers]
     ours = replace(array, numbers=tuple(array.numbers[i] for i in order), units=tuple(array.units[i] for i in order))
     clocks, why = clocks_found(ours)
-    return clocks, "found", [f"no clock, so no samples: {said}" for said in why.values()]
+    return clocks, "found", [f"no clock, so no samples: {reason}" for reason in why.values()]
 
 
 def _at_the_same_moments(model: ArrayModel, paths: dict[int, Path]) -> bool:
@@ -266,10 +266,10 @@ def _force_notes(model: ArrayModel, force: bool) -> list[str]:
     weights = force_weights(model)
     mean = [str(unit.number) for unit, weight in zip(model.units, weights, strict=True) if weight > 0]
     without = [str(unit.number) for unit in model.units[1:] if unit.position_m is None and unit.accelerometer is not None]
-    said = f"specific force: the mean of units {', '.join(mean)}"
+    force = f"specific force: the mean of units {', '.join(mean)}"
     if without:
-        return [f"{said}; the lever arms of units {', '.join(without)} are left out: no position is known"]
-    return [f"{said}, at the first unit's accelerometer"]
+        return [f"{force}; the lever arms of units {', '.join(without)} are left out: no position is known"]
+    return [f"{force}, at the first unit's accelerometer"]
 
 
 def _with_change(

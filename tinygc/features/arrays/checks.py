@@ -45,7 +45,7 @@ WHOSE = {
     SENSORS: "it is this sensor's own, not the body's; or its units are wrong",
     BODY: "a table, a floor, a fan or a hand moves the body",
 }
-OPEN = "whether it is the sensors' or the body's is not told"
+OPEN = "sensors' or body's: undecided"
 
 
 def noise_at_rest(
@@ -112,9 +112,9 @@ def shared_noise(value: float, sigma: float, what: str) -> Statement:
     # Less or more than half of it is common, with 95 %.
     source = SENSORS if upper < HALF else BODY if value - ONE_SIDED * sigma > HALF else OPEN
     size, limit = f"{100 * value:.1f} ± {100 * sigma:.1f} % of its power", f"{100 * upper:.1f} %"
-    said = (f"motion of the body in the {what} noise at rest", "correlation between units", float(ndtr(-value / sigma)), size, limit)
+    stated = (f"motion of the body in the {what} noise at rest", "correlation between units", float(ndtr(-value / sigma)), size, limit)
     figures = {"correlation": value, "correlation_sigma": sigma, "source": source}
-    return Statement.of(*said, matters=HALF, value=value, sigma=sigma, upper=upper, more=f"; {source}", figures=figures)
+    return Statement.of(*stated, matters=HALF, value=value, sigma=sigma, upper=upper, more=f"; {source}", figures=figures)
 
 
 # Check of an array: each unit as a session of its own, then whether all units are on one body.
@@ -141,12 +141,12 @@ def check_array(array: ArraySession, further: Callable[[Session, SessionStills],
     except CalibrationError as error:
         return [*findings, Finding("error", array.name, WHAT, str(error), "")]
     noise = _noise_of_fits(array, fits)
-    bodies = [Finding("ok", f"unit {n}", WHAT, _said(fit, array.numbers[0])) for n, fit in zip(array.numbers[1:], fits[1:], strict=True)]
+    bodies = [Finding("ok", f"unit {n}", WHAT, _words(fit, array.numbers[0])) for n, fit in zip(array.numbers[1:], fits[1:], strict=True)]
     return [*(_with_source(finding, noise) for finding in findings), *bodies, *(_at_rest(array, each) for each in noise.values())]
 
 
 def _noise_of_fits(array: ArraySession, fits: list[ClockFit]) -> dict[str, Statement]:
-    """Return what the noise at rest of the units has in common, by sensor; empty where the motion does not tell their mountings."""
+    """Return what the noise at rest of the units has in common, by sensor; empty where the motion does not show their mountings."""
     if not all(fit.map_is_known for fit in fits):
         return {}
     clocks, matrices = [fit.clock for fit in fits], [fit.matrix for fit in fits]
@@ -154,7 +154,7 @@ def _noise_of_fits(array: ArraySession, fits: list[ClockFit]) -> dict[str, State
 
 
 def _with_source(finding: Finding, noise: dict[str, Statement]) -> Finding:
-    """Say of a unit's noise that is too large what the other units tell of it, in place of what one unit alone can tell."""
+    """State of a unit's noise that is too large what the other units show, in place of what one unit alone can."""
     sensor, _, what = finding.what.rpartition(" ")
     shared = noise.get(sensor)
     if finding.level != "warning" or what != "noise" or shared is None or (whose := WHOSE.get(shared.figures["source"])) is None:
@@ -168,7 +168,7 @@ def _at_rest(array: ArraySession, shared: Statement) -> Finding:
     return Finding(level, array.name, AT_REST, shared.words, do)
 
 
-def _said(fit: ClockFit, first: int) -> str:
+def _words(fit: ClockFit, first: int) -> str:
     clock = fit.clock
     way = "slow" if clock.rate > 0 else "fast"
     rate = f"{abs(clock.rate) * PPM:.1f} ± {clock.rate_sigma * PPM:.1f} ppm {way}"

@@ -63,7 +63,7 @@ class UnitPlace:
 # Measured rates of a unit's gyroscope, log by log, on its own clock, without saturated readings.
 
 #: samples on either side of a clipped one that a spline through it would distort
-BESIDE = 3
+NEIGHBOURS = 3
 #: periods; a longer step is a gap, and readings are not interpolated across it
 GAP_PERIODS = 1.6
 #: s of identical readings on all axes after which a sensor counts as stuck (as in fault detection)
@@ -120,7 +120,7 @@ def rates_of(samples: Samples, end_dps: float) -> Rates:
     gaps = step > GAP_PERIODS * period_s
     bad[:-1] |= gaps
     bad[1:] |= gaps
-    near = np.convolve(bad, np.ones(2 * BESIDE + 1), mode="same") > 0.5 if len(bad) > 2 * BESIDE else np.full(len(bad), bad.any())
+    near = np.convolve(bad, np.ones(2 * NEIGHBOURS + 1), mode="same") > 0.5 if len(bad) > 2 * NEIGHBOURS else np.full(len(bad), bad.any())
     return Rates(t_s, rate, ~near, period_s)
 
 
@@ -224,7 +224,7 @@ ENOUGH_S, ENOUGH_RATE = 1e-8, 1e-10
 #: 0.4 at most (benchmarks/array_clocks.py)
 SAME_BODY = 0.9
 #: s, difference of one log's clock from that of all logs above which the clock was reset between them
-SET_ANEW_S = 0.5
+RESET_S = 0.5
 #: sigmas of the unit's noise; a reading that turns by less has no information on time
 MOVING_SIGMAS = 20.0
 #: one sigma of the map between two units' rates; above it, the body has not turned about all three axes
@@ -273,9 +273,9 @@ def nearest_clock(first: Sequence[Rates], unit: Sequence[Rates], name: str = "th
     rough, likeness = max(each, key=lambda one: one[1])
     for number, (other, alike) in enumerate(each):
         apart_s = abs(rough.offset_s + rough.rate * (other.about_s - rough.about_s) - other.offset_s)
-        if alike > SAME_BODY and apart_s > SET_ANEW_S + 0.01 * abs(other.about_s - rough.about_s):
+        if alike > SAME_BODY and apart_s > RESET_S + 0.01 * abs(other.about_s - rough.about_s):
             raise CalibrationError(
-                f"{name}: its clock was set anew between two logs: in log {number + 1} it is {apart_s:.2f} s from where the other has it; "
+                f"{name}: its clock was reset between two logs: in log {number + 1} it is {apart_s:.2f} s from where the other has it; "
                 "give each log an array's folder of its own"
             )
     about_s = rough.about_s
@@ -314,7 +314,7 @@ def _moves(rates: Rates, bar: float) -> np.ndarray:
 
 
 class _ClockRows(NamedTuple):
-    """Readings (N,) of a unit that turns, beside the first unit's at the same times, for one clock.
+    """Readings (N,) of a unit that turns, next to the first unit's at the same times, for one clock.
 
     log (N,): its number; read (N, 3) rad/s; ours (N, 3) rad/s and slope (N, 3) rad/s^2: the first unit's rate there; since (N,) s from
     ``about_s``; block (N,): number of the block whose readings share their errors; variance (N,): of the first unit's interpolated

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.special import fdtrc
 
+from session.base.texts import probability
 from session.base.units import DEG, MG
 from tinygc.features.arrays.system import Layout, Solution, UnitRows
 from tinygc.features.arrays.units import SameStills
@@ -51,7 +52,7 @@ class ArrayEvent:
     units: tuple[int, ...] = ()
 
     @property
-    def said_size(self) -> str:
+    def size_text(self) -> str:
         """Return the size with its unit."""
         if self.what in (FALSE_READING, KNOCK):
             return f"{self.size / DEG:.3g}°/s"
@@ -62,8 +63,8 @@ class ArrayEvent:
         return tuple(e for e in events if e.unit is not None and (e.what, e.first, e.last) == (self.what, self.first, self.last))
 
     def words(self, events: Iterable[ArrayEvent], units: int) -> str:
-        """Return the units that it belongs to, of so many, and its treatment, beside the other events."""
-        size, where = self.said_size, "turn" if "turn" in self.what else "still"
+        """Return the units that it belongs to, of so many, and its treatment, next to the other events."""
+        size, where = self.size_text, "turn" if "turn" in self.what else "still"
         if self.what == FALSE_READING:
             return f"unit {self.unit} alone leaps by {size}, the others feel {100 * max(self.felt, 0.0):.0f} % of it: a false reading"
         if self.what == KNOCK and self.size:
@@ -71,33 +72,33 @@ class ArrayEvent:
         if self.what == KNOCK:
             return f"{len(self.units)} units' specific force jumps at once: a knock that all felt"
         if self.what == COMMON_TURN:
-            return f"all units miss this turn by {size}: a knock or the motion, no unit's reading"
+            return f"all units miss this turn by {size}: a knock or the motion, not a unit's reading"
         if self.what == COMMON_STILL:
             return f"all units feel {size} in this still: the body was not at rest"
         if self.rival is not None:
             both = f"units {self.unit} and {self.rival} differ by {size} in this {where}"
-            return f"{both}, and two do not tell which one errs; unit {self.unit}'s does not count"
+            return f"{both}, and two cannot show which one is wrong; unit {self.unit}'s does not count"
         deviating = self.together(events)
         others = units - len(deviating)
         lost = "turn" if where == "turn" else "gravity there"
         if len(deviating) > 1:
-            who = ", ".join(f"unit {number} by {by}" for number, by in sorted((each.unit or 0, each.said_size) for each in deviating))
+            who = ", ".join(f"unit {number} by {by}" for number, by in sorted((each.unit or 0, each.size_text) for each in deviating))
             return (
                 f"{len(deviating)} of {units} units stand out in this {where}, each in its own way ({who}): several at once are hardly "
                 f"their own readings: a blow that each unit feels or samples otherwise is more probable; their {lost} does not count"
             )
         missed = f"misses this turn by {size}" if where == "turn" else f"feels {size} too much in this still"
-        tested = f"against the other{'s' * (others > 1)} (F test, p = {self.p_value:.2g})"
+        tested = f"against the other{'s' * (others > 1)} (F test, {probability(self.p_value)})"
         return f"unit {self.unit} {missed} {tested}: its own readings; its {lost} does not count"
 
     def table(self, begins_s: float) -> dict:
         """Return one of ``events``, turns in degrees and stills in mg, or of ``moments`` where it is a step; times from begins_s."""
-        told = {"what": self.what, "unit": self.unit, "at_s": self.at_s - begins_s}
+        table = {"what": self.what, "unit": self.unit, "at_s": self.at_s - begins_s}
         if self.what in (FALSE_READING, KNOCK):
             step = {"units": self.units, "size_dps": self.size / DEG, "felt_by_others": self.felt}
-            return told | step | {"description": self.words((), 0)}
+            return table | step | {"description": self.words((), 0)}
         unit, si = ("deg", DEG) if "turn" in self.what else ("mg", MG)
-        return told | {"rival": self.rival, "size": self.size / si, "unit_of_size": unit, "p_value": self.p_value}
+        return table | {"rival": self.rival, "size": self.size / si, "unit_of_size": unit, "p_value": self.p_value}
 
 
 #: what rows are of, and the number of their unit; rows (B, d) that are kept or rejected together; spans (B, 2) stills; times (B,) s

@@ -22,7 +22,7 @@ from tinygc.explanation.families import SLOW_ZERO
 from tinygc.explanation.faulty_readings import FALSE, proposed, without_false_readings
 from tinygc.features.arrays.checks import noise_at_rest
 from tinygc.features.arrays.events import FALSE_READING, KNOCK, ArrayEvent
-from tinygc.features.arrays.fit import NAME, ArrayFit, events_and_left_out, fit_array
+from tinygc.features.arrays.fit import NAME, ArrayFit, events_and_left_out, fit_array, sentence
 from tinygc.features.arrays.recording import ArraySession
 from tinygc.features.arrays.traits import ALIKE, COMMON, DIFFERS, READINGS, slow_zero_of, traits_of
 from tinygc.inference.choose import Standing, Statement
@@ -39,7 +39,7 @@ from tinygc.reporting.terminal import Group, Text, one_line
 #: share of the step below which the others have not felt it (benchmarks/array_fit.py: knocks agree to a tenth)
 FELT = 0.5
 #: samples around the step in which the others may see it, by their clocks
-BESIDE = 1
+NEIGHBOURS = 1
 #: s around a step that are read from the others
 NEAR_S = 0.1
 #: s, duration of a board's impact: steps of several units within it are one knock
@@ -76,8 +76,8 @@ def steps_of(fit: ArrayFit) -> tuple[ArrayEvent, ...]:
     found = sorted((float(samples.t_ns[each.row] * NS), number) for number, samples in logs for each in find_impacts(samples))
     for at_s, _ in found:
         who = tuple(sorted({number for other_s, number in found if abs(other_s - at_s) < TOGETHER_S}))
-        told = any(abs(each.at_s - at_s) < TOGETHER_S for each in kept)
-        if fit.same.time_s[0, 0] <= at_s <= fit.same.time_s[-1, 1] and not told and len(who) > len(fit.units) / 2:
+        known = any(abs(each.at_s - at_s) < TOGETHER_S for each in kept)
+        if fit.same.time_s[0, 0] <= at_s <= fit.same.time_s[-1, 1] and not known and len(who) > len(fit.units) / 2:
             kept.append(ArrayEvent(KNOCK, who[0], at_s, 0.0, felt=1.0, units=who))
     return tuple(sorted(kept, key=lambda each: each.at_s))
 
@@ -91,7 +91,7 @@ def _in_array(fit: ArrayFit, i: int, rate: np.ndarray, bias: bool = True) -> np.
 def _felt(fit: ArrayFit, i: int, log: int, t_s: np.ndarray, leap: np.ndarray, usual: np.ndarray, period_s: float) -> float | None:
     """Return the share of the step in the mean of the others; None where no other unit has data."""
     shares = []
-    for late in np.arange(-BESIDE, BESIDE + 1) * period_s / 2:
+    for late in np.arange(-NEIGHBOURS, NEIGHBOURS + 1) * period_s / 2:
         others = []
         for j, other in enumerate(fit.units):
             if j == i or log >= len(other.problem.session.logs):
@@ -108,7 +108,7 @@ def _felt(fit: ArrayFit, i: int, log: int, t_s: np.ndarray, leap: np.ndarray, us
     return max(shares) if shares else None
 
 
-# What an array shows beside the explanations of its units: what they share, and whose each named effect is.
+# What an array shows next to the explanations of its units: what they share, and whose each named effect is.
 
 SCHEMA = "tinygc-array-explain/3"
 #: scopes of statements that speak for a common cause, and for one unit's own
@@ -150,27 +150,27 @@ class ArrayShown(Shown):
 
     @property
     def line(self) -> Text:
-        """Return the verdict, and the statements that it follows from: those with evidence for them; where there is none, the two parts,
-        with what is excluded of them."""
+        """Return the verdict, and what there is evidence for."""
         stated = [each for each in self.statements if each.standing is Standing.FOR and each.figures.get("scope") in OF_ALL | OF_ONE]
-        answer = Answer(self.verdict, "; ".join(each.words for each in stated or (self.fit.split.common, self.fit.split.alone)))
-        return one_line(f"{self.fit.array.name}: {answer.headline}", "bold")
+        answer = Answer(
+            self.verdict, "; ".join(each.what for each in stated) or f"{len(self.fit.units)} units, each alone and all together"
+        )
+        return one_line(answer.headline, "bold")
 
     @property
     def page(self) -> Group:
         """Return the command's output: verdict, statements, events, each unit's own excess, and the checks on other recordings."""
-        header = ("unit", "own excess, deg", "95 % below", "p", "standing", "named in its own session")
+        header = ("unit", "own error, °", "95 % below", "effects in its own session")
         rows, checked = [], []
         for number, part in zip(self.fit.numbers, self.fit.split.own, strict=True):
             named = self.not_explained.get(number)
             if (why := self.units.get(number)) is not None:
                 named = ", ".join(each.id for each in (*why.effects, *why.findings))
                 checked += [one_line(f"Unit {number}", "bold"), *checked_page(why.checked)] if why.checked else []
-            sizes = degrees_text(part.value / DEG), degrees_text(part.upper / DEG), f"{part.p_value:.2g}"
-            rows.append([number, *sizes, part.standing.value, named or None])
-        table = Table("Beyond the common part, by unit", header, rows, left=(0, 4, 5))
-        lines = [one_line(f"{each.words}.") for each in self.statements]
-        return screen([self.line, "", *lines, *events_and_left_out(self.fit, self.steps), "", table, *checked])
+            rows.append([number, degrees_text(part.value / DEG), degrees_text(part.upper / DEG), named or None])
+        lines = [one_line(sentence(each)) for each in self.statements]
+        table = Table("", header, rows, left=(0, 3))
+        return screen([self.line, *lines, *events_and_left_out(self.fit, self.steps), table, *checked])
 
     def to_json(self) -> dict:
         """Return ``tinygc-array-explain/3`` (docs/formats.md); times in seconds of the array's clock from its first sample."""
@@ -185,7 +185,7 @@ class ArrayShown(Shown):
                 "units": [self._unit(number, part) for number, part in zip(fit.numbers, fit.split.own, strict=True)],
                 "events": [event.table(fit.begins_s) for event in fit.joint.events],
                 "moments": [step.table(fit.begins_s) for step in self.steps],
-                "left_out": fit.said_left_out,
+                "left_out": fit.left_out_table,
                 "version": VERSION,
             }
         )

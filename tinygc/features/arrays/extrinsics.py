@@ -74,7 +74,7 @@ def places_of(array: ArraySession) -> tuple[UnitPlace, ...]:
     for number, fit in zip(array.numbers, fits, strict=True):
         if not fit.map_is_known:
             raise CalibrationError(
-                f"{array.name}: the motion does not tell how unit {number} is mounted: the body turned about too few axes; turn it about "
+                f"{array.name}: the motion does not show how unit {number} is mounted: the body turned about too few axes; turn it about "
                 "all three"
             )
     forces = [_forces(unit) for unit in array.units]
@@ -162,8 +162,8 @@ def _blame_first(rates: list[tuple[Rates, ...]], names: list[str], mine: tuple[R
         try:
             fit_clock(rates[0], other, names[0])
         except CalibrationError as error:
-            said = str(error).replace("the array's first unit", "the others").replace("the first unit's", "theirs")
-            raise CalibrationError(said) from None
+            text = str(error).replace("the array's first unit", "the others").replace("the first unit's", "theirs")
+            raise CalibrationError(text) from None
 
 
 def _forces(session: Session) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

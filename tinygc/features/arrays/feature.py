@@ -123,7 +123,7 @@ def array_size(folder: Path) -> int | None:
     numbers = {found["number"] for found in named if found}
     try:
         section = array_section(read_toml(folder / "session.toml")) if (folder / "session.toml").exists() else None
-    except (FormatError, OSError):  # who reads the folder says it
+    except (FormatError, OSError):  # the reader of the folder reports it
         section = None
     if section is None and not numbers:
         return None

@@ -35,13 +35,13 @@ from tinygc.features.arrays.recording import ArraySession
 from tinygc.features.arrays.split import Split
 from tinygc.features.arrays.system import MOUNTING, PER_UNIT, accelerometer_after
 from tinygc.features.arrays.units import ArrayUnit, SameStills, prepare_units, same_stills
+from tinygc.inference.choose import Statement
 from tinygc.library.records import Shown
 from tinygc.models.linear import BIAS, MATRIX, NAMES, PARAMETERS, PRIOR_SIGMA, LinearModel
 from tinygc.models.model import accelerometer_table, sensor_table
 from tinygc.noise.components import undersampling
 from tinygc.noise.twin import Twin
 from tinygc.reporting.facts import Table, screen
-from tinygc.reporting.tables import degrees_text
 from tinygc.reporting.terminal import Group, Text, one_line
 
 SCHEMA = "tinygc-array-fit/2"
@@ -166,7 +166,7 @@ class ArrayFit(Shown):
                 "schema": SCHEMA,
                 "array": self.array.name,
                 "units": [_unit(unit, self.split, i) for i, unit in enumerate(self.units)],
-                "left_out": self.said_left_out,
+                "left_out": self.left_out_table,
                 "turns_used": [len(rows) for rows in self.same.turns],
                 "bias_from": {"used": self.bias, "p_value": self.bias_p},
                 "read_latency": [{"number": n, "beat_hz": hz, "period_s": period_s} for n, hz, period_s in self.beats],
@@ -183,7 +183,7 @@ class ArrayFit(Shown):
         return [(each.number, each.track.beat[0], each.period_s) for each in self.ages if each.track is not None]
 
     @property
-    def said_left_out(self) -> list[dict]:
+    def left_out_table(self) -> list[dict]:
         """Return ``left_out`` of the JSON."""
         return [{"number": number, "why": why} for number, why in self.left_out.items()]
 
@@ -353,63 +353,62 @@ def _model_table(unit: UnitFit, array: str) -> dict:
 
 def _page(fit: ArrayFit) -> Group:
     split, units = fit.split, fit.units
-    header: tuple[str, ...] = ("unit", "serial", "clock, ms", "rate, ppm", "mounting about x, y, z, deg", "± deg", "position, mm", "± mm")
-    rows = [[units[0].number, units[0].session.config.sensor.serial, "0", "0", "0, 0, 0", None, "0, 0, 0", None], *map(_place, units[1:])]
-    places = Table("Units against the first: clock, mounting, position", header, rows, left=(0, 1))
-    title = "What turns miss by, degrees of tilt, rms a turn, and how much better the array knows each unit than it knows itself"
-    header = ("unit", "closure alone", "white floor", "own excess", "unit minus mean", "scale, ppm: alone", "array")
+    closures, floors = (
+        [value / DEG for value in sizes] for sizes in zip(*((u.closure_rad, u.problem.floor.tilt_rms) for u in units), strict=True)
+    )
+    alone = rms_of([rms_of(sigmas_in(unit.in_array(unit.noise_density_rps_rthz))) for unit in fit.fused.units])
+    answer = (
+        f"{len(units)} units: closure {min(closures):.4f} to {max(closures):.4f}° (floor {rms_of(floors):.4f}°); "
+        f"together {alone / rms_of(fit.fused.noise_density):.2f} × less noise"
+    )
+    header: tuple[str, ...] = ("unit", "clock, ms", "rate, ppm", "mounting x, y, z, °", "± °", "position, mm", "± mm", "serial")
+    rows = [[units[0].number, "0", "0", "0, 0, 0", None, "0, 0, 0", None, units[0].session.config.sensor.serial], *map(_place, units[1:])]
+    places = Table("Units against the first", header, rows, left=(0, 7), minor=(4, 6, 7))
+    header = ("unit", "closure, °", "floor", "own error", "scale alone, ppm", "in the array")
     rows = []
-    for unit, own, minus in zip(units, split.own_rad, split.minus_mean_rad, strict=True):
+    for unit, closure, floor, own in zip(units, closures, floors, split.own_rad, strict=True):
         scales = (f"± {rms_of(s[[0, 4, 8]]) * 1e6:.0f}" for s in (unit.sigma_alone, unit.sigma))
-        closure, floor, apart = (degrees_text(size / DEG) for size in (unit.closure_rad, unit.problem.floor.tilt_rms, minus))
-        rows.append([unit.number, closure, floor, tuple(own / DEG), apart, *scales])
-    common = f"common {split.common_rad / DEG:.4f}"
-    rows.append(["all", "", "", common, degrees_text(rms_of(split.minus_mean_rad) / DEG), "", ""])
-    closures = Table(title, header, rows, styles={len(units): "bold"})
-    where = {"ends": "from the ends of the turns", "stills": "of each turn from the stills around it"}[fit.bias]
-    why = "as asked" if fit.bias_p is None else f"the stills are better by chance with p = {fit.bias_p:.2g}"
-    own = [1e3 * rms_of(sigmas_in(unit.in_array(unit.noise_density_rps_rthz))) / DEG for unit in fit.fused.units]
-    fused, alone, count = 1e3 * rms_of(fit.fused.noise_density) / DEG, rms_of(own), len(units)
-    said = [
-        f"Common: {split.common.words}.",
-        f"Biases {where} ({why}). {sum(map(len, fit.same.turns))} turns of {count} units, {len(fit.same.spans)} of the body.",
-        f"All units as one gyroscope: {fused:.3g} mdps/rtHz of white noise, as far as they do not share it, where one has "
-        f"{min(own):.3g} to {max(own):.3g}, rms {alone:.3g}: {alone / fused:.2f} times less than rms; {count} equal ones would have "
-        f"{np.sqrt(count):.2f} times less.",
-    ]
+        rows.append([unit.number, f"{closure:.4f}", f"{floor:.4f}", tuple(own / DEG), *scales])
+    lines = [sentence(split.common)]
     for unit in units:
-        runs = ", ".join(f"{run.file} {run_figures(error)['rmse_deg']:.4f}°" for run, error in unit.runs)
-        said += [f"Closure runs of unit {unit.number}, rms error at the return: {runs}."] if runs else []
-        said += [f"Unit {unit.number}: not observed: {', '.join(unit.unobserved)}."] if unit.unobserved else []
+        runs = ", ".join(f"{run_figures(error)['rmse_deg']:.4f}°" for _, error in unit.runs)
+        lines += [f"Closure of unit {unit.number} over the closure run: {runs}."] if runs else []
+        lines += [f"Unit {unit.number}: not observed: {', '.join(unit.unobserved)}."] if unit.unobserved else []
     if fit.beats:
         ages = ", ".join(f"unit {number} ({hz:.3g} Hz)" for number, hz, _ in fit.beats)
-        said.append(f"Readings wait for the reader, and their ages beat: {ages}; the stamps were corrected.")
-    return screen([places, "", closures, "", *map(one_line, said), *events_and_left_out(fit)])
+        lines.append(f"Readings wait for the reader, and their ages beat: {ages}; the stamps were corrected.")
+    tables = [places, Table("", header, rows)]
+    return screen([one_line(answer, "bold"), *tables, *map(one_line, lines), *events_and_left_out(fit)])
 
 
 def _place(unit: UnitFit) -> list[Any]:
     place, clock = unit.place, unit.place.clock
     turn = Rotation.from_matrix(place.mounting).as_rotvec() / DEG
-    where, known = "not told by the motion", None
+    where, known = "not observed", None
     if place.position_m is not None and place.position_covariance is not None:
         where = ", ".join(f"{x * 1e3:.1f}" for x in place.position_m)
         known = f"{rms_of(sigmas_in(place.position_covariance)) * 1e3:.1f}"
     return [
         unit.number,
-        unit.session.config.sensor.serial,
         (clock.offset_s * 1e3, clock.offset_sigma_s * 1e3),
         (clock.rate * 1e6, clock.rate_sigma * 1e6),
         ", ".join(f"{x:.3f}" for x in turn),
         f"{rms_of(sigmas_in(place.mounting_covariance)) / DEG:.3f}",
         where,
         known,
+        unit.session.config.sensor.serial,
     ]
+
+
+def sentence(statement: Statement) -> str:
+    """A statement as a sentence."""
+    return f"{statement.words[0].upper()}{statement.words[1:]}."
 
 
 def events_and_left_out(fit: ArrayFit, steps: tuple[ArrayEvent, ...] = ()) -> list[Text]:
     """Return a line for each step and event, one for several units with events in one turn or still, and one for each unit left out."""
     events = fit.joint.events
-    told = [f"{each.at_s - fit.begins_s:.2f} s: {each.words(events, len(fit.units))}." for each in (*steps[:MOST_STEPS], *events)]
-    told += [f"… and {len(steps) - MOST_STEPS} moments more, in array.json."] if len(steps) > MOST_STEPS else []
+    lines = [f"{each.at_s - fit.begins_s:.2f} s: {each.words(events, len(fit.units))}." for each in (*steps[:MOST_STEPS], *events)]
+    lines += [f"and {len(steps) - MOST_STEPS} moments more, in array.json."] if len(steps) > MOST_STEPS else []
     left_out = (f"Left out: unit {number}: {why}" for number, why in fit.left_out.items())
-    return [*(one_line(line, "yellow") for line in dict.fromkeys(told)), *(one_line(line, "bold red") for line in left_out)]
+    return [*(one_line(line, "yellow") for line in dict.fromkeys(lines)), *(one_line(line, "bold red") for line in left_out)]

@@ -1,4 +1,4 @@
-"""An array out of one log that holds the rows of several sensors, told apart by a column."""
+"""An array out of one log that holds the rows of several sensors, separated by a column."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from session.replay.tables import TableReader
 from tinygc.features.arrays.recording import read_array
 
 #: a note or a finding
-Said = TypeVar("Said", str, Finding)
+Stated = TypeVar("Stated", str, Finding)
 
 
 def import_array(paths: Sequence[Path], out: Path, answers: Answers, column: str, columns: Sequence[str] = ()) -> Imported:
@@ -35,24 +35,24 @@ def import_array(paths: Sequence[Path], out: Path, answers: Answers, column: str
     made: list[Imported] = []
     with folder_whole(out) as work:
         for number, value in enumerate(values):
-            told = replace(answers, where=f"{column}={value}")
-            made.append(convert(paths, work / f"unit{number}", told, serial=f"{column}-{value}", columns=columns))
+            own = replace(answers, where=f"{column}={value}")
+            made.append(convert(paths, work / f"unit{number}", own, serial=f"{column}-{value}", columns=columns))
         folders = ", ".join(f'"unit{number}"' for number in range(len(values)))
         write_new(work / "session.toml", f'schema = "tinygc-session/1"\n\n[array]\nfolders = [{folders}]\n')
         read_array(work)
     notes = tuple(f"{', '.join(names)}: {note}" for note, names in _once((note, each) for each in made for note in each.notes))
-    # What a finding says of a unit's whole session, it says of its folder.
+    # A finding on a unit's whole session is one on its folder.
     within = ((replace(finding, where=finding.where.removeprefix(each.folder.name)), each) for each in made for finding in each.findings)
-    findings = tuple(replace(said, where=f"{', '.join(names)} {said.where}".strip()) for said, names in _once(within))
+    findings = tuple(replace(found, where=f"{', '.join(names)} {found.where}".strip()) for found, names in _once(within))
     units = ", ".join(f"{column}={value} is {each.folder.name}" for value, each in zip(values, made, strict=True))
     samples = sum(each.samples for each in made)
     steps = (command_line("check", out), command_line("fit", out))
     return Imported(out, out, made[0].dialects, samples, notes, findings, steps, (*made[0].took, units))
 
 
-def _once(said: Iterable[tuple[Said, Imported]]) -> Iterable[tuple[Said, list[str]]]:
-    """What is said of several units once, with the names of those units."""
-    units: dict[Said, list[str]] = {}
-    for what, unit in said:
+def _once(stated: Iterable[tuple[Stated, Imported]]) -> Iterable[tuple[Stated, list[str]]]:
+    """What holds of several units once, with the names of those units."""
+    units: dict[Stated, list[str]] = {}
+    for what, unit in stated:
         units.setdefault(what, []).append(unit.folder.name)
     return units.items()

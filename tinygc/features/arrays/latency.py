@@ -56,8 +56,8 @@ def age_readings(t_s: np.ndarray, excess: np.ndarray, slope: np.ndarray, noise: 
 
     noise: scatter of one excess component, rad/s.
 
-    A reading that is old by a lacks a times the angular acceleration.  Other scatter proportional to the acceleration is estimated from the
-    strongest readings themselves, including their ages.
+    A reading that is old by a is short of a times the angular acceleration.  Other scatter proportional to the acceleration is estimated
+    from the strongest readings themselves, including their ages.
     """
     power = np.square(slope).sum(axis=1)
     power = np.maximum(power, 1e-12 * max(float(power.max(initial=0.0)), 1e-300))
@@ -198,7 +198,7 @@ def _passes(middle: np.ndarray, likelihood: np.ndarray, beat_hz: float, none: fl
     weight = np.exp(likelihood - likelihood.max(axis=1, keepdims=True))
 
     def passed(order: Sequence[int]) -> dict[int, np.ndarray]:
-        """Of each window what those before it in this order say of its state."""
+        """Of each window its state by those before it in this order."""
         state, found = np.full(shape, 1 / (shape[0] * shape[1])), {}
         for before, k in zip((None, *order), order, strict=False):
             if before is not None:
@@ -286,7 +286,7 @@ def _differences(
 #
 # A sensor of 1 kHz that is read 62.5 times a second returns its newest sample, which is between 0 and 1 ms old. The age drifts and jumps
 # back with a beat. A turn of 200 deg/s in progress at a jump is wrong by 0.2 deg. One unit alone cannot detect that. Units that felt the
-# same motion can: the old reading lacks the age times the angular acceleration.
+# same motion can: the old reading is short of the age times the angular acceleration.
 #
 # Each unit is compared with the mean of the others. Their ages are in that mean, so all are estimated again with the others' ages
 # subtracted. A constant common to all ages is equivalent to an offset of the array's clock. Two units determine only the difference of

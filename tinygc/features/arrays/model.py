@@ -332,9 +332,9 @@ def fuse(model: ArrayModel, raw: ArrayLike) -> tuple[np.ndarray, np.ndarray, np.
         if not mask.any():
             continue
         rows = which == kind
-        undo = np.linalg.inv(model.weights[mask].sum(axis=0))
-        rate[rows] = np.einsum("nij,tnj->ti", undo @ model.weights[mask], calibrated[rows][:, mask])
-        variance = np.diag(undo @ spread[mask].sum(axis=0) @ undo.T)
+        inverse = np.linalg.inv(model.weights[mask].sum(axis=0))
+        rate[rows] = np.einsum("nij,tnj->ti", inverse @ model.weights[mask], calibrated[rows][:, mask])
+        variance = np.diag(inverse @ spread[mask].sum(axis=0) @ inverse.T)
         sigma[rows] = np.sqrt(variance + (0.0 if own is None else np.square(own)))
     sigma[at_end] = np.inf
     return rate, sigma, used

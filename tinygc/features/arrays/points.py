@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 def kind_of_folder(folder: Path) -> str | None:
-    """Say what the folder is, and what takes it."""
+    """State what the folder is, and what takes it."""
     if (count := array_size(folder)) is None:
         return None
     return (
@@ -91,7 +91,7 @@ def apply(
     if not isinstance(table, dict) or table.get("schema") != SCHEMA:
         return None
     if session is not None:
-        raise CalibrationError("--session is for one sensor's model; an array's model says what each unit is")
+        raise CalibrationError("--session is for one sensor's model; an array's model states what each unit is")
     if not folder.is_dir():
         raise CalibrationError(f"{folder}: no folder; an array's model takes the array's folder")
     from tinygc.features.arrays.apply import apply_array

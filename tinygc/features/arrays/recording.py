@@ -114,7 +114,7 @@ def _by_names(folder: Path, path: Path, table: dict, section: dict, progress: To
             raise FormatError(f"{folder}: {name} is of one sensor's axes and stills; give that unit a folder of its own ([array] folders)")
     for stem, present in paths.items():
         if stem != "rest":
-            # FormatError where a log lacks units that another has
+            # FormatError where a log has not the units of another
             by_log: dict[str, set[int]] = {}
             for unit in map(unit_of, present):
                 assert unit is not None  # or it was refused
@@ -122,7 +122,7 @@ def _by_names(folder: Path, path: Path, table: dict, section: dict, progress: To
             for which, there in sorted(by_log.items()):
                 if missing := sorted(set(numbers) - there):
                     raise FormatError(
-                        f"{folder}: {which} lacks unit {_listed(missing)} of {_listed(numbers)}; every {stem} needs a file of every unit: "
+                        f"{folder}: {which} has no unit {_listed(missing)} of {_listed(numbers)}; every {stem} needs a file of every unit: "
                         f"add {which}.unit{missing[0]}.csv, or take that unit's other logs out"
                     )
     for each in (*paths["log"], *paths["closure"], *paths["rest"]):
@@ -171,7 +171,7 @@ def _with_unit(path: Path) -> str:
 
 
 def _unit_config(path: Path, table: dict, own: dict, number: int) -> Config:
-    """session.toml as it holds for one unit: what it says of all, and over it what it says of this one."""
+    """session.toml as it holds for one unit: its entries for all, and over them those for this one."""
     if "accelerometer" in table:
         raise FormatError(f"{path}: [accelerometer] is of one unit; write it as [array.unit.accelerometer] under its [[array.unit]]")
     merged = {name: value for name, value in table.items() if name != "array"}
@@ -198,7 +198,7 @@ def _log_of_unit(path: Path, logs: Sequence[Path], first: bool, numbers: Sequenc
     if unit is None and first:
         return _with_unit(Path(name)).replace(".unit0.", f".unit{numbers[0]}.")
     if any(each.name.removesuffix(".gz") == name for each in logs) or (unit is not None and unit[1] == _number(logs[0])):
-        return named  # also of a log that is not there: check says so
+        return named  # also of a log that is not there: check reports it
     return None
 
 
@@ -244,8 +244,8 @@ def place_of(folder: Path, path: Path, name: str) -> Path:
     """A unit's folder.  FormatError where it is not there, or neither inside the array's nor next to it."""
     plain = Path(os.path.normpath(name))
     inside = plain.parts[:1] != ("..",) and plain != Path(".")
-    beside = plain.parts[:1] == ("..",) and len(plain.parts) > 1 and plain.parts[1] != ".."
-    if "\0" in name or plain.is_absolute() or not (inside or beside):
+    sibling = plain.parts[:1] == ("..",) and len(plain.parts) > 1 and plain.parts[1] != ".."
+    if "\0" in name or plain.is_absolute() or not (inside or sibling):
         raise FormatError(f"{path}: array.folders holds {shown(name)}; expected a folder inside this one, or next to it as ../imu0")
     place = folder / plain
     if not place.is_dir():
@@ -315,7 +315,7 @@ def _refuse_other_reference(where: str, config: Config, error: type[Exception] =
 def array_log_paths(folder: Path) -> dict[str, dict[int, Path]]:
     """Of each log and closure run, ``log0001`` and so on, the file of each unit by its number; folders' logs are paired in their order.
 
-    FormatError where a folder is no array, or a log lacks a unit.
+    FormatError where a folder is no array, or a log has not all units.
     """
     toml = folder / "session.toml"
     section = array_section(read_toml(toml)) if toml.exists() else None
@@ -329,7 +329,7 @@ def array_log_paths(folder: Path) -> dict[str, dict[int, Path]]:
             for which, paths in found.items():
                 if len(paths) < len(names):
                     missing = ", ".join(str(number) for number in sorted(numbers_of(toml, names)) if number not in paths)
-                    raise FormatError(f"{folder}: {which} lacks unit {missing}; every unit needs as many logs, and as many closure runs")
+                    raise FormatError(f"{folder}: {which} has no unit {missing}; every unit needs as many logs, and as many closure runs")
         else:
             for path in log_paths(folder, stem):
                 if (unit := unit_of(path)) is not None:

@@ -27,7 +27,7 @@ from tinygc.inference.noise import where_risen
 
 
 def rise(solution: Solution, held: dict[int, float]) -> float:
-    """Return by how much -2 log likelihood rises where components have these values, all others estimated anew."""
+    """Return by how much -2 log likelihood rises where components have these values, all others estimated again."""
     return max(solution.held(held).value - solution.value, 0.0)
 
 
@@ -48,7 +48,7 @@ def upper_size(solution: Solution, k: int, sigma: float, zero: Sequence[int] = (
 
 
 #: drop of -2 log likelihood that ``motion beyond the data rate`` needs against an unnamed common part, and against none
-BORNE_OUT = 2.0
+SUPPORTED = 2.0
 #: share of the predicted size; below it, a filter passes only a part
 FILTERED = 1 / 3
 #: factor within which motion beyond the data rate is predicted (docs/explain.md)
@@ -98,7 +98,7 @@ class Split:
 
     @cached_property
     def gains(self) -> dict[str, float]:
-        """Return drops of -2 log likelihood from no common part, all other components estimated anew: of one that is equal in all turns,
+        """Return drops of -2 log likelihood from no common part, all other components estimated again: of one that is equal in all turns,
         and of one that follows the prediction."""
         joint, t = self.joint, self.joint.solution.t
         system, fast = joint.solution.system, float(np.mean(joint.missed_rad**2))
@@ -110,33 +110,31 @@ class Split:
     @property
     def is_fast_motion(self) -> bool:
         """Return whether the common part varies between turns as predicted for motion beyond the data rate."""
-        return self.common.standing is Standing.FOR and self.gains["undersampled"] > self.gains["turn"] + BORNE_OUT
+        return self.common.standing is Standing.FOR and self.gains["undersampled"] > self.gains["turn"] + SUPPORTED
 
     @cached_property
     def common(self) -> Statement:
-        """State what all units miss by alike: likelihood ratio of the better of its two shapes; the larger one of their limits."""
+        """State the error that all units share: likelihood ratio of the better of its two shapes; the larger one of their limits."""
         solution, predicted = self.joint.solution, self.predicted_rad
         found, gain = self.common_rad, max(self.gains.values())
         limits = [found, BOTH * upper_size(solution, TURN, self.joint.sigmas[TURN], (FAST,))]
         if predicted > 0:
             limits.append(predicted * upper_size(solution, FAST, self.joint.sigmas[FAST], (TURN,)))
-        said = _tilt(
-            "what all units miss by alike", "common", float(chdtrc(1, max(gain, 0.0))), found, max(limits), rms_of(self.floors_rad)
-        )
-        if said.standing is not Standing.FOR:
-            return said
+        shared = _tilt("common error of all units", "common", float(chdtrc(1, max(gain, 0.0))), found, max(limits), rms_of(self.floors_rad))
+        if shared.standing is not Standing.FOR:
+            return shared
         why = "; the motion, the table or the reference, no unit's sensor"
         if predicted > 0:
             factor, sigma = self.fast_rad / predicted
             filtered = "; a filter below half the data rate leaves so little" if factor < FILTERED else ""
-            why += f"; motion beyond the data rate is predicted to make {_deg(predicted)}"
-            if gain > self.gains["turn"] + BORNE_OUT:
+            why += f"; motion beyond the data rate predicts {_deg(predicted)}"
+            if gain > self.gains["turn"] + SUPPORTED:
                 why = f"; motion beyond the data rate, predicted {_deg(predicted)} (found {factor:.2f} ± {sigma:.2f} of it{filtered})"
-        return replace(said, more=why)
+        return replace(shared, more=why)
 
     @cached_property
     def fast(self) -> Statement | None:
-        """State motion beyond the data rate, one term of all units, tested against zero and against its prediction, beside an unnamed
+        """State motion beyond the data rate, one term of all units, tested against zero and against its prediction, next to an unnamed
         common part; None where none is predicted."""
         if not (predicted := self.predicted_rad) > 0:
             return None
@@ -162,23 +160,23 @@ class Split:
 
     @cached_property
     def own(self) -> tuple[Statement, ...]:
-        """State what each unit misses by itself."""
+        """State the own error of each unit."""
         solution, found = self.joint.solution, []
         for i, (number, p_value, floor) in enumerate(zip(self.numbers, self.own_p, self.floors_rad, strict=True)):
             size, upper = BOTH * np.sqrt(solution.t[i]), BOTH * upper_size(solution, i, self.joint.sigmas[i])
-            found.append(_tilt(f"unit {number} by itself", "own", p_value, size, upper, float(floor)))
+            found.append(_tilt(f"own error of unit {number}", "own", p_value, size, upper, float(floor)))
         return tuple(found)
 
     @cached_property
     def alone(self) -> Statement:
-        """State what units miss by one by one: those with an excess, and what any of them may have."""
+        """State the own errors of the units: those with an excess, and the most that any of them may have."""
         there = [(number, part) for number, part in zip(self.numbers, self.own, strict=True) if part.standing is Standing.FOR]
         rest = [part.upper for part in self.own if part.standing is not Standing.FOR]
         size, upper = (max(getattr(part, what) for part in self.own) for what in ("value", "upper"))
-        said = ", ".join(f"{_deg(part.value)} in unit {number}" for number, part in there) or f"{_deg(size)} at most"
-        said += f", up to {_deg(max(rest))} in any other" if there and rest else ""
+        sizes = ", ".join(f"{_deg(part.value)} in unit {number}" for number, part in there) or f"{_deg(size)} at most"
+        sizes += f", up to {_deg(max(rest))} in any other" if there and rest else ""
         p_value = min(part.p_value for part in self.own)
-        return replace(_tilt("what units miss by one by one", "own", p_value, size, upper, rms_of(self.floors_rad)), size=said)
+        return replace(_tilt("own error of each unit", "own", p_value, size, upper, rms_of(self.floors_rad)), size=sizes)
 
     @cached_property
     def left_rad(self) -> np.ndarray:
@@ -208,8 +206,8 @@ class Split:
         sizes = {name: {"size": size, "sigma": sigma} for name, (size, sigma) in pairs.items()}
         sizes["undersampled_deg"]["predicted"] = self.predicted_rad / DEG
         common, minus = self.common, rms_of(self.minus_mean_rad)
-        said = {"common_p_value": common.p_value, "is_fast_motion": self.is_fast_motion, "description": common.words}
-        return in_unit(DEG, common_rms_deg=common.value, common_upper95_deg=common.upper, minus_mean_rms_deg=minus) | said | sizes
+        stated = {"common_p_value": common.p_value, "is_fast_motion": self.is_fast_motion, "description": common.words}
+        return in_unit(DEG, common_rms_deg=common.value, common_upper95_deg=common.upper, minus_mean_rms_deg=minus) | stated | sizes
 
     def turns(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return of each of S turns (``SameStills.spans``) the tilt error (S, 2) common to all units, the sigma of each angle, and the

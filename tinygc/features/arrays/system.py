@@ -198,7 +198,7 @@ class Solution:
         return inverse * np.outer(self.system.prior, self.system.prior)
 
     def held(self, values: Mapping[int, float]) -> Solution:
-        """Return the solution where components have these values, all others estimated anew."""
+        """Return the solution where components have these values, all others estimated again."""
         return self.system.estimated(self.t, values)
 
     def score(self) -> tuple[np.ndarray, np.ndarray]:

@@ -42,7 +42,7 @@ from tinygc.inference.choose import (
 from tinygc.noise.refit import Replay, candidates, prior_sigmas
 from tinygc.noise.twin import Twin
 
-#: whose an effect is: common by nature, of one value in all units, different between units, not told, or in single readings
+#: whose an effect is: common by nature, of one value in all units, different between units, undecided, or in single readings
 COMMON, ALIKE, DIFFERS, UNDECIDED, READINGS = "common", "alike", "differs", "undecided", "readings"
 #: effects that belong to the body, whichever unit's explanation names them
 EARTH, MOTION, NOT_STILL = "earth.rotation", "motion.undersampled", "reference.not_still"
@@ -89,7 +89,7 @@ def _instead(by_unit: Mapping[int, Claim]) -> tuple[str, ...]:
 
 
 def estimate_in(e: Explanation, effect: Effect, instead: Sequence[str]) -> Estimate | None:
-    """Estimate an effect in one unit, beside what its explanation names, without the effects that stand for the same."""
+    """Estimate an effect in one unit, next to the effects that its explanation names, without the effects that stand for the same."""
     if effect.id == OFFSET:
         return e.measured.get(OFFSET) if e.gravity is not None and np.isfinite(e.gravity.whole_sigma_s) else None
     fit = e.naming.fit
@@ -113,10 +113,10 @@ def trait_of(
     """State one effect that these units claim, by the units' estimates.
 
     Its table has the scope; the units that name it; a description for each of them, in order; those that are apart from the others; the
-    estimates of every unit; effects that the recording does not tell from it.
+    estimates of every unit; effects that the recording cannot separate from it.
     """
     units, instead = tuple(by_unit), _instead(by_unit)
-    more = f"; or {' or '.join(instead)}: not told apart here" if instead and estimates else ""
+    more = f"; or {' or '.join(instead)}: not separable here" if instead and estimates else ""
     more += f"; {_of_units(unknown)} could not be explained, and may have it too" if unknown else ""
     figures: dict[str, Any] = {
         "id": effect.id,
@@ -132,10 +132,10 @@ def trait_of(
     }
     named = f"{effect.id}, named in {_of_units(units)}"
     if not estimates:
-        # What a detector found in the registers or stills of units has no size in the others, so nothing is said of them.
+        # What a detector found in the registers or stills of units has no size in the others, so nothing is stated of them.
         what, figures["scope"] = ("stills", COMMON) if effect.id == NOT_STILL else ("readings", READINGS)
-        p_value, says = min(claim.p_value for claim in by_unit.values()), figures["of_units"][0]
-        return Statement(named, Standing.FOR, f"detector in the {what}", p_value, says, "", more=more, figures=figures)
+        p_value, words = min(claim.p_value for claim in by_unit.values()), figures["of_units"][0]
+        return Statement(named, Standing.FOR, f"detector in the {what}", p_value, words, "", more=more, figures=figures)
     numbers, (values, covariances) = list(estimates), (np.array(each) for each in zip(*estimates.values(), strict=True))
     information = np.linalg.inv(covariances)
     pull = np.einsum("uij,uj->ui", information, values)
@@ -149,7 +149,7 @@ def trait_of(
     divisions = divided(values / plausible, covariances / plausible**2, share)
     chances = {ids: float(p) for (ids, _), p in zip(divisions, weights_of([each.score for each in divisions]), strict=True)}
     p_same = sum(p for ids, p in chances.items() if not ids - {ONE_VALUE})
-    one = {ONE_VALUE} if effect.id != EARTH or len(numbers) > 1 else {"0"}  # one unit says nothing of others, but of the Earth it does
+    one = {ONE_VALUE} if effect.id != EARTH or len(numbers) > 1 else {"0"}  # one unit shows nothing of the others, but the Earth it does
     p_other = sum(p for ids, p in chances.items() if ids != one)
     odd = [k for k in range(len(numbers)) if str(k) in divisions[0].ids]
     if odd and len(numbers) > 1 and (p_same < LEVEL or effect.id == EARTH):
@@ -167,8 +167,8 @@ def trait_of(
         how = {"matters": EARTH_RATE_RPS, "claimed": f"the Earth's {EARTH_RATE_RPS / DEG_PER_HOUR:.1f} °/h"}
         how["p_claimed"] = p_earth if p_other < LEVEL else 1.0
     everywhere = f"{effect.id} in all units" if not unknown else f"{effect.id} in {_of_units(numbers)}"
-    p_lacks = sum(p for ids, p in chances.items() if ONE_VALUE not in ids and len(ids) < len(numbers))  # some unit has none
-    p_value = p_lacks if p_lacks < LEVEL <= p_other and len(numbers) > 1 else p_other
+    p_missing = sum(p for ids, p in chances.items() if ONE_VALUE not in ids and len(ids) < len(numbers))  # some unit has none
+    p_value = p_missing if p_missing < LEVEL <= p_other and len(numbers) > 1 else p_other
     what = f"{everywhere}, of one size" if p_value < LEVEL else named
     if p_value < LEVEL <= p_other:
         what += f", or each its own (probability {p_other:.2g}), in the mean"
@@ -224,7 +224,7 @@ def slow_zero_of(explanations: Mapping[int, Explanation], progress: Callable[[in
 
 
 def members_in(e: Explanation) -> dict[str, Member]:
-    """Weigh each member, by its id, in one unit, beside the effects that it names outside of the family."""
+    """Weigh each member, by its id, in one unit, next to the effects that it names outside of the family."""
     evidence = Evidence(e.twin)
     tried = [effect for effect in (*candidates(e.twin), *slow_candidates(e.twin)) if effect.id in SLOW_ZERO]
     evidence.will_try(tried)

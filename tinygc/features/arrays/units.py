@@ -123,7 +123,7 @@ def same_stills(units: list[ArrayUnit]) -> SameStills:
     anchor = int(np.argmax([len(unit.problem.used) for unit in units]))
     log, time_s, _, group = _references(units[anchor].problem)
     left_out = [moment for unit in units for moment in _left_out(unit.problem)]
-    stills, turns, firsts, lasts = [], [], [], []
+    stills, turns, first, last = [], [], [], []
     for unit in units:
         own_log, own_s, own, _ = _references(unit.problem)
         match = {id(still): best_overlap(where, span, log, time_s) for still, where, span in zip(own, own_log, own_s, strict=True)}
@@ -141,9 +141,9 @@ def same_stills(units: list[ArrayUnit]) -> SameStills:
             raise FitError(f"unit {unit.number}: none of its {len(ends)} turns lies between stills of the others; are they of one time?")
         stills.append(tuple(mine))
         turns.append(np.array(rows))
-        firsts.append(np.array([ends[row][0] for row in rows]))
-        lasts.append(np.array([ends[row][1] for row in rows]))
-    return SameStills(anchor, time_s, log, group, tuple(stills), tuple(turns), tuple(firsts), tuple(lasts))
+        first.append(np.array([ends[row][0] for row in rows]))
+        last.append(np.array([ends[row][1] for row in rows]))
+    return SameStills(anchor, time_s, log, group, tuple(stills), tuple(turns), tuple(first), tuple(last))
 
 
 def _references(problem: Problem) -> tuple[np.ndarray, np.ndarray, list[Still], np.ndarray]:

@@ -1,11 +1,12 @@
-"""Write the tables of options into docs/commands.md and docs/library.md: python docs/make_options.py.
+"""Write the options into docs/commands.md, and into docs/library.md with what the library's functions take and give.
 
-They are made of the records of options (session/base/options.py), between two comments of each page; tests/test_options.py holds the pages
-to them.
+``python docs/make_options.py`` makes them of the records of options (session/base/options.py) and of docstrings, between two comments of
+each page; tests/test_options.py compares the pages with them.
 """
 
 from __future__ import annotations
 
+import importlib
 import inspect
 import re
 import sys
@@ -16,6 +17,7 @@ from typing import Any
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
+import tinygc  # noqa: E402
 from session.base import features  # noqa: E402
 from session.base.options import declared, flag, help_of, metavar, typed_as  # noqa: E402
 from session.replay.options import Answers  # noqa: E402
@@ -25,20 +27,36 @@ from tinygc.cli.recording import Recording, Turning  # noqa: E402
 from tinygc.estimation.options import FitOptions, Seed  # noqa: E402
 from tinygc.simulation.options import SimulationOptions  # noqa: E402
 
-#: records that several commands have -> what the page calls them
+#: records that several commands have -> their heading on the page
 SHARED: dict[type, str] = {
-    Command: "every command",
-    UsesEffects: "commands that use the catalogue of effects",
-    Stream: "commands that read a port",
-    Force: "commands that write files by name",
-    Seed: "commands that draw",
-    Pictures: "commands that draw their result",
-    Judged: "`fit` and `report`",
-    FitOptions: "`fit`, `report` and `budget`",
-    Recording: "every `record`",
-    Turning: "`record` and `table record`",
-    Answers: "`import`",
+    Command: "All commands",
+    UsesEffects: "Effects",
+    Stream: "Port",
+    Force: "Files",
+    Seed: "Draws",
+    Pictures: "Pictures",
+    Judged: "Limits",
+    FitOptions: "Fit options",
+    Recording: "Recordings",
+    Turning: "Guided turns",
+    Answers: "Logs",
 }
+#: command -> its function, where that is not its namesake in tinygc
+FUNCTIONS = {
+    "demo": "tinygc.simulate",
+    "import": "tinygc.import_log",
+    "board": "tinygc.simulation.virtual_board.VirtualBoard",
+    "record": "session.bench.guided_session.GuidedRecording",
+    "noise": "tinygc.estimate_noise",
+    "noise record": "session.bench.rest_guide.RestGuide",
+    "table": "tinygc.features.tables.machines.makes.open_table",
+    "table record": "tinygc.features.tables.recording.TurnedRecording",
+    "rates": "tinygc.estimate_rates",
+    "rates record": "tinygc.features.tables.recording.TurnedRecording",
+    "temperature": "tinygc.fit_temperature",
+    "challenge": "tinygc.features.challenge.examination.examine",
+}
+RECORDS = ("Session", "Fit", "Why", "Calibration", "Report", "Exported", "Simulated", "Rebias", "LogArrays", "ThermalFit", "TurnFit")
 #: what stands before and behind the tables of a page
 BEGIN, END = "<!-- made by docs/make_options.py -->\n", "<!-- end -->"
 
@@ -50,7 +68,16 @@ def rows(kind: Any) -> Iterator[str]:
         if rule.cli and (each.name not in shared or each.name in inspect.get_annotations(kind)):
             value = metavar(each, rule)
             name = value or each.name.upper() if rule.positional else f"{flag(kind, each.name)} {value}".strip()
-            yield _row(f"`{name}`", help_of(each, rule))
+            yield f"- `{name}`: {brief(help_of(each, rule))}"
+
+
+def brief(text: str) -> str:
+    """The first clause of a help text; ``--help`` has all of it.  A list of more than three is kept, and what follows a few words."""
+    if text.count("; ") > 3:
+        return text
+    clause = re.split(r"; | \((?!\d)", text, maxsplit=1)[0]
+    before, colon, _ = clause.partition(": ")
+    return before if colon and len(before.split()) > 4 else clause
 
 
 def _row(*cells: str) -> str:
@@ -65,25 +92,53 @@ def commands_text() -> str:
         kinds = [module.Options, *features.each(f"options of {name}")]
         shared = [called for base, called in SHARED.items() if issubclass(module.Options, base) and base is not Command]
         own = [row for kind in kinds for row in rows(kind)]
-        lines += [f"### {name}", "", f"{summary[0].upper()}{summary[1:]}."]
-        lines += [f"Also those of {', of '.join(shared)}.", ""] if shared else [""]
-        lines += ["| option | what it does |", "| --- | --- |", *own, ""] if own else []
+        links = ", ".join(f"[{each}](#{each.lower().replace(' ', '-')})" for each in shared)
+        also = f" Also: {links}." if shared else ""
+        lines += [f"### {name}", "", f"{summary[0].upper()}{summary[1:]}.{also}", "", *own, *[""] * bool(own)]
     for kind, called in SHARED.items():
-        lines += [f"### Of {called}", "", "| option | what it does |", "| --- | --- |", *rows(kind), ""]
+        lines += [f"### {called}", "", *rows(kind), ""]
     return "\n".join(lines)
 
 
 def library_text() -> str:
-    """The keywords of each record."""
-    lines = []
-    records = {FitOptions: "`fit`, `report`, `budget`", SimulationOptions: "`simulate`", Answers: "what a log may not state"}
-    for kind, called in records.items():
-        lines += [f"### {kind.__name__}: {called}", "", "| keyword | type | default | meaning |", "| --- | --- | --- | --- |"]
+    """The function of each command, the other functions, the records they give, and the keywords of options."""
+    functions = {name: FUNCTIONS.get(name, f"tinygc.{name}") for name in commands()}
+    lines = ["### Functions", "", "| command | function | what it does |", "| --- | --- | --- |"]
+    lines += [_row(f"`{name}`", f"`{dotted}`", first_sentence(there(dotted))) for name, dotted in functions.items()]
+    others = [name for name in dir(tinygc) if inspect.isfunction(getattr(tinygc, name)) and f"tinygc.{name}" not in functions.values()]
+    lines += ["", "| other function | what it does |", "| --- | --- |"]
+    lines += [_row(f"`tinygc.{name}`", first_sentence(getattr(tinygc, name))) for name in others]
+    lines += ["", "### Records", "", "| record | what it has |", "| --- | --- |"]
+    lines += [_row(f"`{name}`", ", ".join(f"`{each}`" for each in has(getattr(tinygc, name)))) for name in RECORDS if hasattr(tinygc, name)]
+    lines.append("")
+    keywords = {FitOptions: "`fit`, `report`, `budget`", SimulationOptions: "`simulate`", Answers: "what a log may not state"}
+    for kind, called in keywords.items():
+        lines += [f"### {kind.__name__}: {called}", "", "| keyword | default | meaning |", "| --- | --- | --- |"]
         for each, rule in declared(kind):
             unit = f"{rule.unit}; " if rule.unit else ""
-            lines.append(_row(f"`{each.name}`", *typed_as(each, rule), f"{unit}{rule.help}"))
+            lines.append(_row(f"`{each.name}`", typed_as(each, rule)[1], f"{unit}{brief(rule.help)}"))
         lines.append("")
     return "\n".join(lines)
+
+
+def there(dotted: str) -> Any:
+    """What a dotted name stands for."""
+    parts = dotted.split(".")
+    if len(parts) == 2:
+        return getattr(tinygc, parts[1])
+    return getattr(importlib.import_module(".".join(parts[:-1])), parts[-1])
+
+
+def first_sentence(thing: Any) -> str:
+    """Of its docstring, without the double backticks of code."""
+    text = " ".join((inspect.getdoc(thing) or "").split("\n\n")[0].split())
+    return re.split(r"(?<=[.;])\s|: | \(", text, maxsplit=1)[0].rstrip(".;").replace("``", "`")
+
+
+def has(record: type) -> list[str]:
+    """Names of its public fields, properties and methods."""
+    fields = [name for kind in reversed(record.__mro__) for name in inspect.get_annotations(kind)]
+    return [name for name in dict.fromkeys([*fields, *dir(record)]) if not name.startswith("_")]
 
 
 def made(page: str, text: str) -> str:

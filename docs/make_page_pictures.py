@@ -52,7 +52,7 @@ def moments(browser: Browser, args: argparse.Namespace) -> None:
     try:
         hand.until(lambda guide: guide.stage is Stage.HOLD_STILL and (guide.instruction.part or 0) > 0.6)
         shoot(browser, server, args, "view-1-still", WIDE)
-        hand.until(lambda guide: guide.accepted == 4 and guide.stage is Stage.TURN and guide.asked is not None)
+        hand.until(lambda guide: guide.accepted == 4 and guide.stage is Stage.TURN and guide.requested is not None)
         shoot(browser, server, args, "view-2-wanted", WIDE)
         hand.until(lambda guide: guide.accepted >= 4 and guide.turning and guide.turn.path_rad > 0.7)
         shoot(browser, server, args, "view-3-turning", WIDE)

@@ -72,7 +72,7 @@ def test_rate_and_ranges_are_asked_for_and_nothing_of_before_is_kept():
     same = Wire()
     BoardSetup({"odr_hz": 416.0, "gyro_fs_dps": INFO.gyro_fs_dps, "accel_fs_g": INFO.accel_fs_g})(same)
     assert same.asked == []  # what is so already is not asked for
-    assert board.said == ["data rate 833 Hz", f"ranges 2000 dps, {INFO.accel_fs_g:g} g"]
+    assert board.applied == ["data rate 833 Hz", f"ranges 2000 dps, {INFO.accel_fs_g:g} g"]
 
 
 def test_6667_hz_needs_a_faster_port(monkeypatch):

@@ -92,13 +92,14 @@ def still(seconds, force):
     return Still(0, 1, 0.0, seconds, *[np.zeros(3)] * 2, read_by(RAW, force), *[np.zeros(3)] * 2, 25.0)
 
 
-def test_each_still_tells_by_its_white_noise_and_what_the_accelerometer_wanders():
-    """Of 2 and 8 s: half the mean square density by the seconds, and the square of the rest."""
+@pytest.mark.parametrize("gravity_mps2", [0.0, 1e-3, 0.1])
+def test_each_still_counts_by_its_white_noise_and_what_the_accelerometer_wanders(gravity_mps2):
+    """Of 2 and 8 s: half the mean square density by the seconds, and the square of the rest; an error of gravity is common to both."""
     noise, force = Noise(np.full(3, 1e-4), np.array([1e-3, 2e-3, 3e-3])), forces(2, 1)
     known = turns.OwnAccelerometer(RAW, 4e-4)
     rows, variance = known.length_rows(force), np.mean([1e-6, 4e-6, 9e-6]) / 2 / np.array([2.0, 8.0]) + 1.6e-7
-    expected = np.einsum("sp,s,sq->pq", rows, 1 / variance, rows)
-    found = turns.length_information(known, (still(2.0, force[0]), still(8.0, force[1])), noise)
+    expected = rows.T @ np.linalg.inv(np.diag(variance) + gravity_mps2**2) @ rows
+    found = turns.length_information(known, (still(2.0, force[0]), still(8.0, force[1])), noise, gravity_mps2)
     assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
 
 

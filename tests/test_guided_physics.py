@@ -19,7 +19,7 @@ from streams import frame_list, sent
 from test_stream_physics import HELLO, board_frame, faults_frame
 
 from session.base.errors import FormatError, OtherSensor
-from session.bench.board import NO_SENSOR, RESET_SAYS, BoardReporter
+from session.bench.board import NO_SENSOR, RESET_WORDS, BoardReporter
 from session.bench.clocks import ClockRatio
 from session.bench.decoder import StreamDecoder
 from session.bench.events import FAULTS, TROUBLES, Event, Info, SampleChunk, starts_log
@@ -214,7 +214,7 @@ def test_a_coach_that_fails_does_not_end_the_recording():
         raise ValueError("no idea")
 
     guide, said = led(Port(WHOLE), coach=coach)
-    assert (guide.accepted, said.texts(Kind.DONE)) == (3, ["done: 3 segments"])
+    assert (guide.accepted, said.texts(Kind.DONE)) == (3, ["done: 3 turns"])
     assert said.texts(Kind.WARNING) == ["the coach has failed (ValueError: no idea); any turn will do"]
 
 
@@ -299,7 +299,7 @@ def test_resumed_it_is_where_it_was_and_a_drop_that_was_taken_back_is_taken_back
     for kept, accepted in ((notes, 1), (Notes(), 2)):
         _, guide, said, _ = keyed(0, resumed=[INFO, *chunks(session(2)), drop], notes=kept)
         assert guide.accepted == accepted
-        assert f"resumed: {accepted} segments so far" in said.texts(Kind.STAGE)
+        assert f"resumed: {accepted} turn{'s' * (accepted > 1)} so far" in said.texts(Kind.STAGE)
     # A pause ends with the recording: what comes next goes to a log again.
     past = [INFO, *chunks(session(2)), Event("pause")]
     port, guide, _, _ = keyed(1, resumed=past, segments=3, steps=[Event("reconnect")])
@@ -347,12 +347,12 @@ def test_enough_is_said_once_and_ends_it_where_that_was_asked():
     answers = {300: RestAnswer(("B after 3.1 h",)), 500: RestAnswer(("all known",), True), 700: RestAnswer(("still known",), True)}
     _, said = led(Port([INFO, *chunks(REST)]), guide=RestGuide(config().protocol, 5.0, Figures(answers)))
     assert [text for text in said.texts(Kind.STAGE) if "B" in text or "known" in text] == ["B after 3.1 h", "all known", "still known"]
-    assert said.texts(Kind.READY) == ["enough: 2 s of rest shows the noise as precisely as was asked"]
+    assert said.texts(Kind.READY) == ["enough: 2 s of rest shows the noise as precisely as requested"]
     assert said.texts(Kind.DONE) == ["done: 5 s of rest"]
     assert any(instruction.do.startswith("enough") for instruction in said.instructions)
     stopping = RestGuide(config().protocol, None, Figures(answers), stop_at_target=True)
     _, said = led(Port([INFO, *chunks(REST)]), guide=stopping)
-    assert said.texts(Kind.DONE) == ["done: 2 s of rest, and the noise is known"]
+    assert said.texts(Kind.DONE) == ["done: 2 s of rest"]
 
 
 def test_resumed_after_turns_the_rest_has_its_own_log_and_no_turn_counts():
@@ -413,7 +413,7 @@ def test_a_stand_in_is_said():
 ON, HUNG, ASTRAY = 3, 3 | 8, 3 | 16
 
 
-WATCHDOG, FAULT = RESET_SAYS["watchdog"], RESET_SAYS["fault"]
+WATCHDOG, FAULT = RESET_WORDS["watchdog"], RESET_WORDS["fault"]
 
 
 def restarted(*states: int) -> list[bytes]:

@@ -84,7 +84,7 @@ def look(browser: Browser, size: tuple[int, int], dark: bool) -> None:
 
 def asked(guide) -> str:
     """What the page says to do: of several rotations the one that comes now."""
-    now, advice = guide.instruction, guide.asked
+    now, advice = guide.instruction, guide.requested
     if guide.stage is not Stage.TURN or advice is None or len(advice.movements) < 2 or now.do != advice.words:
         return now.do
     first = np.degrees(abs(advice.movements[0].angle_rad))

@@ -8,6 +8,7 @@ import io
 import json
 import os
 import pty
+import re
 import socket
 import sys
 from email.message import Message
@@ -99,7 +100,7 @@ def test_the_state_says_what_the_guide_says():
     assert {state["stage"] for state in states} >= {"check stream", "hold still", "turn", "done"}
     held = [state["part"] for state in states if state["stage"] == "hold still"]
     assert max(held) > 0.8
-    assert [each["kind"] for each in last["said"]].count("accepted") == 3
+    assert [each["kind"] for each in last["messages"]].count("accepted") == 3
     assert server.last["pose"]["full_scale_dps"] == 500
 
 
@@ -143,13 +144,19 @@ def test_a_page_that_fails_ends_no_recording():
     assert Told.changes == ["the page has failed (ZeroDivisionError: division by zero); the recording goes on without it"]
 
 
-def test_the_screen_and_the_page_say_how_long_to_wait_for_a_warm_board():
+def test_the_screen_and_the_page_state_what_waiting_for_a_warm_board_would_gain():
+    """Once among the messages, too; a session begins at once in any case."""
     samples = Table().rest(24).samples()
     for temp_c in (25 + 9 * (1 - np.exp(-samples.t_s / 150)), None):
         guide = guide_of()
-        _, server, _ = watched(guide, Samples(samples.t_ns, samples.gyro, samples.accel, temp_c), portion=500)
+        warming = Samples(samples.t_ns, samples.gyro, samples.accel, temp_c)
+        _, server, _ = watched(guide, warming, portion=500)
+        texts = [change.text for change in play(guide_of(), warming, 500) if "waiting" in change.text]
+        assert [re.sub(r"\d[\d.]*", "N", text) for text in texts] == [
+            "begun at once; temperature +N °C/min: waiting N min would lower the bias's drift from N to N mdps"
+        ] * (temp_c is not None)
         text = " ".join(" ".join(drawn(guide)).split())
-        assert (guide.wait.words.split(";")[0] if guide.wait else "warmth –") in text
+        assert (guide.wait.words if guide.wait else "temperature –") in text
         assert server.last["state"]["wait"] is None or server.last["state"]["wait"] in text
         assert (server.last["state"]["wait"] is None) == (temp_c is None)
 

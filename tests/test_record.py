@@ -82,7 +82,8 @@ def test_every_signal_ends_a_recording_like_ctrl_c(wire, tmp_path):
         out, said = process.communicate()
     assert process.returncode == 130
     assert "3000 samples" in out
-    assert re.search(r"interrupted; everything received is kept. To go on:\n  python \S*calibrate\.py record --resume --out", said)
+    assert re.match(r"Interrupted: 0 turns; everything received is kept\.\n", out)
+    assert re.search(r"\nnext:\n  python \S*calibrate\.py record --resume --out", out)
     assert "Traceback" not in said
     assert raw.read_bytes() == data
 
@@ -112,7 +113,7 @@ def test_the_signals_are_what_they_were_afterwards():
     [
         (["--resume", "--out", "{new}"], 2, "no recording to resume"),
         (["--out", "{log}"], 2, "holds log0001.csv; give another --out"),
-        (["--out", "{new}", "--like", "{new}/none.toml"], 2, "not found"),
+        (["--out", "{new}", "--like", "{new}/none.toml"], 2, "no such folder"),
         (["--out", "{new}"], 3, "cannot be opened"),
         (["--out", "{log}/log0001.csv"], 2, "log0001.csv"),
         (["--out", "{new}", "--closure", "4"], 2, "--closure is 4.0, expected a number from 5 to 3600 s"),

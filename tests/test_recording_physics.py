@@ -32,12 +32,12 @@ from session.bench.rawfile import (
     GrowingFile,
     Mark,
     RawFile,
+    cut_words,
     decision_of,
     is_locked,
     name_kept,
     raw_event,
     read_events,
-    said_cut,
 )
 from session.bench.recorder import BLOCK, Recorder
 from tinygc.simulation.terminal import Terminal
@@ -465,7 +465,7 @@ def test_a_raw_file_that_was_cut_is_noticed_and_what_is_gone_decides_nothing(tmp
         raw.mark(number, event)
     raw.close()
     whole = raw.path.stat().st_size
-    assert not said_cut(raw.path)
+    assert not cut_words(raw.path)
     kept = len(b"".join(lines[:1500]))
     os.truncate(raw.path, kept)
     recorder = Recorder(tmp_path, wire[1])
@@ -475,7 +475,7 @@ def test_a_raw_file_that_was_cut_is_noticed_and_what_is_gone_decides_nothing(tmp
     assert f"{whole - kept} bytes are missing from its end: it holds {kept}" in words
     assert "\n" not in words
     assert [mark.event for mark in read_events(raw.path) if not mark.event.startswith(("open", "close"))] == ["begin log0001"]
-    assert not said_cut(raw.path)
+    assert not cut_words(raw.path)
 
 
 def test_a_disk_that_fails_is_said_and_one_without_locks_records(tmp_path, monkeypatch):

@@ -12,7 +12,7 @@ from session.log.config import NO_SERIAL
 
 WIRES = "look at supply, wires and their length"
 #: each fault, and what to do about it
-FAULT_SAYS = {
+FAULT_WORDS = {
     "overrun": ("the sensor's FIFO ran over", "the board is too slow for this data rate: a lower --odr"),
     "order": ("words of the FIFO were out of order", WIRES),
     "parity": ("words of the FIFO had a wrong parity", WIRES),
@@ -41,17 +41,17 @@ FOUND = (
 )
 SETTLES = "the sensor's filters settle: samples come once they have (narrow filters at a low rate take up to a minute)"
 #: by ``BoardStatus.reset``; a board says it until power-up, so it need not have happened in this recording
-RESET_SAYS = {
+RESET_WORDS = {
     "watchdog": "the board's last reset since power-up was its watchdog's: its program had hung",
     "fault": "the board's last reset since power-up was behind a fault of its core: its program had gone astray",
 }
-NOBODY = (0x00, 0xFF)  #: WHO_AM_I of a bus without an answer
+NO_ANSWER = (0x00, 0xFF)  #: WHO_AM_I of a bus without an answer
 #: relative change of a board's stated rate from one connection to the next: three steps of INTERNAL_FREQ_FINE (0.15 % each);
 #: two boards differ by some percent, and settings of the rate by a factor of two
 RATE_WITHIN = 0.005
 ANOTHER = "give another sensor another --out"
 #: reports of faults; a sensor with a loose wire causes them all the time
-MOST_SAID = 20
+MOST_REPORTS = 20
 
 
 class BoardReporter:
@@ -63,7 +63,7 @@ class BoardReporter:
         self.counted: Counter[str] = Counter()  #: faults of the whole recording, by name; those before it are not the recording's
         self._reports = 0
         self._open_fault = False  # a fault was reported, and its lost samples may be counted only once the sensor is back
-        # A reset shows in the board's status and in the stamps of its samples, mostly in this order; its cause is said once.
+        # A reset shows in the board's status and in the stamps of its samples, mostly in this order; its cause is reported once.
         self._status_first = self._stamps_first = False  # so far only the one, or only the other
         self._serial: str | None = None
         self._odr_hz: float | None = None  # as it was stated last
@@ -75,11 +75,11 @@ class BoardReporter:
         self._open_fault = self._status_first = self._stamps_first = False
 
     def was_reset(self) -> list[str]:
-        """The samples' stamps have begun anew: the line of what the reset came of, unless it is said already, or not known."""
+        """The samples' stamps have begun again: the line with the cause of the reset, unless it is reported already, or not known."""
         cause = self.board.reset if self.board is not None else ""
         known, self._status_first = self._status_first, False
         self._stamps_first = not (known or cause)
-        return [RESET_SAYS[cause]] if cause and not known else []
+        return [RESET_WORDS[cause]] if cause and not known else []
 
     def changes_source(self, board: BoardStatus) -> bool:
         """Whether the samples come from another source from here on: the sensor instead of its stand-in, or the reverse."""
@@ -97,21 +97,21 @@ class BoardReporter:
 
     def _status(self, message: BoardStatus) -> list[str]:
         before, changes, self.board = self.board, self.changes_source(message), message
-        said = [FOUND] if changes and message.source == SENSOR else []
+        lines = [FOUND] if changes and message.source == SENSOR else []
         if message.source == SENSOR and message.settles and not (before is not None and before.settles):
-            said.append(SETTLES)
+            lines.append(SETTLES)
         if before is None or message.reset != before.reset:
-            said += [RESET_SAYS[message.reset]] if message.reset else []
+            lines += [RESET_WORDS[message.reset]] if message.reset else []
             self._status_first = before is not None and not self._stamps_first
         self._stamps_first = False
         if message.source != STANDIN or (before is not None and before.source == STANDIN):
-            return said
-        if message.who_am_i in NOBODY:
-            return [*said, NO_SENSOR]
+            return lines
+        if message.who_am_i in NO_ANSWER:
+            return [*lines, NO_SENSOR]
         who = "a sensor answers on its bus, but did not start"
         if message.who_am_i not in CHIPS:
             who = f"a chip that is no {' and no '.join(CHIPS.values())} answers on its bus"
-        return [*said, f"{NO_SENSOR}; {who}: WHO_AM_I 0x{message.who_am_i:02X}"]
+        return [*lines, f"{NO_SENSOR}; {who}: WHO_AM_I 0x{message.who_am_i:02X}"]
 
     def _faults(self, counts: tuple[float, ...]) -> list[str]:
         before, self.faults = self.faults, counts
@@ -129,15 +129,15 @@ class BoardReporter:
             return [f"the sensor is back: {risen['lost']} samples lost"] if was_open else []
         self._open_fault = True
         self._reports += 1
-        if self._reports > MOST_SAID:
+        if self._reports > MOST_REPORTS:
             return []
-        what = "; ".join(f"{FAULT_SAYS[name][0]} ({risen[name]}×)" for name in kinds)
+        what = "; ".join(f"{FAULT_WORDS[name][0]} ({risen[name]}×)" for name in kinds)
         lost = risen.get("lost", 0) + risen.get("crowded_out", 0)
         how_many = f"{lost} samples lost" if lost else "no sample lost so far"
-        do = "; ".join(dict.fromkeys(FAULT_SAYS[name][1] for name in kinds))
+        do = "; ".join(dict.fromkeys(FAULT_WORDS[name][1] for name in kinds))
         lines = [f"{'before this recording: ' if before is None else ''}{what}: {how_many}; {do}"]
-        if self._reports == MOST_SAID:
-            lines.append(f"this was the {MOST_SAID}th fault, later ones are not shown; the logs' comments hold all")
+        if self._reports == MOST_REPORTS:
+            lines.append(f"this was the {MOST_REPORTS}th fault, later ones are not shown; the logs' comments hold all")
         return lines
 
     def require_same(self, info: Info) -> None:

@@ -63,7 +63,7 @@ class ClockRatio:
         return cls(ratio, float(np.sqrt(max((sigma_ppm * 1e-6) ** 2 - HOST_CLOCK**2, LEAST**2))), 0.0)
 
     @property
-    def tells(self) -> bool:
+    def is_informative(self) -> bool:
         """Whether it says more than that nothing was seen, of a board in real time."""
         return 3 * self.sigma < max(OFF, abs(self.ratio - 1)) < OFF_MOST
 

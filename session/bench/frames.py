@@ -26,7 +26,7 @@ FIRST_OTHER, LAST_OTHER = 0x03, 0x1F
 CRC_START = 0xFFFF
 
 
-def cannot_be_told(crc_errors: int) -> str:
+def damaged_words(crc_errors: int) -> str:
     """How many damaged frames may have passed the check, in words; crc_errors: the number of those that failed it."""
     by_chance = crc_errors / 2**16
     many = f"about {by_chance:.0f}" if by_chance >= 1 else "fewer than one"

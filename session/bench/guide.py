@@ -12,6 +12,7 @@ from session.bench.events import AnyEvent, Event, SampleChunk, joined_chunk
 from session.bench.live import CHECK_S, MotionBlock, StreamHealth, TurnInProgress, Wait
 from session.bench.messages import AcceptedTurn, Advice, GuideMessage, Instruction, Kind, Stage
 from session.bench.progress import AcceptedData, LiveAccelerometerFit, PresentLog, StillExamination, accepted_turn, fastest_ns, why_not
+from session.detect.check_stills import ENOUGH_SEGMENTS
 from session.detect.segments import RETURN_RAD, moved_at, run_ends
 from session.detect.stills import MIN_STILL_FRACTION, Still, find_stills
 from session.log.config import Config, Protocol, Sensor
@@ -53,10 +54,10 @@ MARK, STAY, RUN, WHOLE = "onto the mark", "stay", "turn freely", "whole"
 
 
 class ClosureGuide:
-    """Guides a run with planned_s of turning.  wants: the request for the files, until ``decided``; say: takes messages."""
+    """Guides a run with planned_s of turning.  wants: the request for the files, until ``decided``; announce: takes messages."""
 
-    def __init__(self, sensor: Sensor, protocol: Protocol, hold_s: float, planned_s: float, say: Callable[[Kind, str], None]):
-        self._sensor, self._protocol, self.planned_s, self._say = sensor, protocol, planned_s, say
+    def __init__(self, sensor: Sensor, protocol: Protocol, hold_s: float, planned_s: float, announce: Callable[[Kind, str], None]):
+        self._sensor, self._protocol, self.planned_s, self._announce = sensor, protocol, planned_s, announce
         self.hold_s = max(hold_s, STILL_PART * planned_s)
         self.wants: Event | None = None
         self._examined = self._went = False
@@ -75,7 +76,7 @@ class ClosureGuide:
     def interrupted(self) -> None:
         """A new log, a pause, or the operator ends the run before it is complete."""
         if self.step in (STAY, RUN):
-            self._say(Kind.WARNING, "this closure run is not complete, and restarts")
+            self._announce(Kind.WARNING, "this closure run is not complete, and restarts")
         self._to_the_mark()
 
     def on_the_mark(self) -> None:
@@ -136,12 +137,12 @@ class ClosureGuide:
             self._rested_s += block_s
             if self._rested_s >= self.hold_s:
                 self.step = RUN
-                self._say(Kind.READY, f"turn freely for {self.planned_s:.0f} s through many attitudes, then back onto the mark")
+                self._announce(Kind.READY, f"turn freely for {self.planned_s:.0f} s through many attitudes, then back onto the mark")
         elif turn.still_s == 0.0:
             if self._rested_s >= MIN_STILL_FRACTION * self.hold_s:
                 self.step = RUN
                 return
-            self._say(Kind.WARNING, f"too short a still, {self._rested_s:.1f} of {self.hold_s:.1f} s: {MARK_WORDS}")
+            self._announce(Kind.WARNING, f"too short a still, {self._rested_s:.1f} of {self.hold_s:.1f} s: {MARK_WORDS}")
             self._to_the_mark()
 
     def _running(self, block_s: float, turn: TurnInProgress) -> None:
@@ -154,7 +155,7 @@ class ClosureGuide:
             self._examined = True
             self._examine()
         if self._missing and turn.still_s >= AGAIN_S:
-            self._say(Kind.WARNING, "it stays there: that is the mark now, and the run restarts")
+            self._announce(Kind.WARNING, "it stays there: that is the mark now, and the run restarts")
             self._to_the_mark()
             self._here_s = WAIT_S
 
@@ -163,18 +164,18 @@ class ClosureGuide:
         samples = joined(self._parts)
         ends = run_ends(samples, find_stills(samples, self._protocol.still_s)[0], self._sensor)
         if ends is not None and ends.broken:
-            self._say(Kind.REJECTED, f"this closure run is not complete: {ends.broken}; it restarts from here")
+            self._announce(Kind.REJECTED, f"this closure run is not complete: {ends.broken}; it restarts from here")
             self._to_the_mark()
             self._here_s = WAIT_S
         elif ends is None or not self.enough:
-            self._say(Kind.STAGE, f"{self._moved_s:.0f} of {self.planned_s:.0f} s: turn on")
+            self._announce(Kind.STAGE, f"{self._moved_s:.0f} of {self.planned_s:.0f} s: turn on")
         elif not ends.returned:
             self._missing = f"{ends.away_rad / DEG:.1f}° from where the run began, {RETURN_RAD / DEG:g}° at most: set it back onto the mark"
-            self._say(Kind.WARNING, self._missing)
+            self._announce(Kind.WARNING, self._missing)
         else:
             self.wants = KEEP
             turned_s = float(samples.t_ns[ends.last.start] - samples.t_ns[ends.first.stop - 1]) * NS
-            self._say(Kind.ACCEPTED, f"closure run: {turned_s:.0f} s, back within {ends.away_rad / DEG:.2f}°")
+            self._announce(Kind.ACCEPTED, f"closure run: {turned_s:.0f} s, back within {ends.away_rad / DEG:.2f}°")
 
 
 PEAK_FULL_SCALE = 0.85
@@ -183,6 +184,8 @@ HOLD_STILLS = 1.5  #: times the protocol's still_s: a still serves two turns
 EXAMINE_EVERY_S = 0.2
 NEARLY = 0.85  #: of a rotation: behind it the next one counts, on the page as well (path.js)
 FINISH_WORDS = "f finishes"
+#: turns that the coach needs for all targets of a sensor whose accelerometer is calibrated (``benchmarks/cold_start.py``)
+USUAL_TURNS = 17
 REST = "rest"  #: stem of the logs of a rest, in which no turn is looked for
 COACH_S = 2.0  #: how long to wait for the coach before any turn is accepted
 SETTLING_S = 0.3  #: rest after which a turn has ended
@@ -191,10 +194,11 @@ MOST_OF_IT = 0.75  #: of the requested angles: a rest before that is a rest betw
 
 
 class Guide:
-    """Leads through ``segments`` accepted segments, then through a closure run with closure_s of turning (0: none).
+    """Leads through turns, ``segments`` at most, then through a closure run with closure_s of turning (0: none).
 
-    stop_at_target ends the segments as soon as the coach requests nothing more.  The guide is driven by samples, in blocks of 0.1 s, and
-    by messages about the port; how the samples are divided into portions changes nothing.  It never waits without stating for what.
+    stop_at_target ends the turns as soon as every target is met, and a verdict has turns enough.  The guide is driven by samples, in blocks
+    of 0.1 s, and by messages about the port; how the samples are divided into portions changes nothing.  It never waits without stating for
+    what.
     """
 
     stem = "log"  #: of the logs that it asks for
@@ -207,8 +211,8 @@ class Guide:
         self.closure: ClosureGuide | None = None  #: once the segments are done
         self.stage, self.health, self.taken = Stage.FIND_PORT, StreamHealth(), AcceptedData()
         self.advice: Advice | None = None  #: the last
-        self.asked: Advice | None = None  #: of it what is requested now; it holds for one still, until the board is turned
-        self._asks_since_s: float | None = None
+        self.requested: Advice | None = None  #: of it what is requested now; it holds for one still, until the board is turned
+        self._advice_due_since_s: float | None = None
         self.coached = False  #: whether advice is expected after each accepted segment
         self.any_turn = _ANY_TURN  #: what to do where the coach requests nothing
         self.rejected = self.dropped = self.log = 0  #: rejected segments; segments that the operator took back; number of the log
@@ -216,14 +220,15 @@ class Guide:
         self.begun = "" if self.takes_a_log else self.stem  #: stem of the log that the samples go to
         self.board_faults: Mapping[str, int] = {}  #: what the board has reported of itself, by name
         self.keys = ""  # the screen's last line
-        self.waits_for = ""  # what the port or the stream lacks
+        self.waits_for = ""  # why no samples come
+        self._wait_announced = False
         self._messages: list[GuideMessage] = []
         self._begin_log()
 
-    def begin(self, sensor: Sensor, own: LiveAccelerometerFit | None = None) -> None:
-        """The sensor's ranges are known: samples can come.  own: where its accelerometer is not calibrated."""
+    def begin(self, sensor: Sensor, own: LiveAccelerometerFit | None = None, given_sigma_mg: float | None = None) -> None:
+        """The sensor's ranges are known: samples can come.  own: where its accelerometer is not calibrated; given_sigma_mg: where it is."""
         self.sensor = sensor
-        self.taken.begin(own, sensor.gyro_fs_dps * DEG)
+        self.taken.begin(own, sensor.gyro_fs_dps * DEG, given_sigma_mg)
 
     def waits(self, stage: Stage, why: str) -> None:
         """The port is closed or silent: no samples will come before that has changed.  The session's progress is kept."""
@@ -252,21 +257,24 @@ class Guide:
         self.here.add(samples)
         checking = self.stage is Stage.CHECK_STREAM
         if checking and not self._stream_is_good():
-            return self._told()
+            return self._take_messages()
         self.health.feed(self.here.pending if checking else samples, self.here.pace)
         for block in self.here.blocks():
             if self.stage is not Stage.DONE:
                 self._block(block)
-        return self._told()
+        if not self._wait_announced and self.health.temp_slope is not None and (wait := self.wait) is not None:
+            self._wait_announced = True
+            self._announce(Kind.STAGE, f"begun at once; temperature {self.health.temp_slope:+.1f} °C/min: {wait.words}")
+        return self._take_messages()
 
     def advise(self, advice: Advice | None, stills: int | None = None) -> list[GuideMessage]:
         """Take the coach's advice, given at so many stills; its movement counts only while the board keeps that attitude."""
         self.advice = advice
         if stills in (None, len(self.taken.stills)) and self.turn.path_rad < STIR_DEG * DEG:
-            self.asked, self._asks_since_s = advice if advice and advice.words else None, None
-        if advice and advice.reached and self.stop_at_target and self.stage is not Stage.DONE and self.closure is None:
-            self._segments_done(advice.reason if advice.missing else "every parameter has reached its target")
-        return self._told()
+            self.requested, self._advice_due_since_s = advice if advice and advice.words else None, None
+        if self.stop_at_target and self.enough:
+            self._turns_done()
+        return self._take_messages()
 
     def decided(self, decision: Event) -> list[GuideMessage]:
         """Take a decision of the operator, or of the guide itself (``wants``), that the files already hold."""
@@ -274,7 +282,7 @@ class Guide:
             self.begun = decision.text
         if decision.kind == "pause":
             self.stage = Stage.PAUSED
-            self._say(Kind.STAGE, f"paused: samples are stored, {self.of_a_pause}")
+            self._announce(Kind.STAGE, f"paused: samples are stored, {self.of_a_pause}")
         elif not self.is_mine:  # of another kind of recording into this session: nothing is examined
             if decision.kind in ("begin", "finish") and not self.takes_a_log and self.stage is not Stage.DONE:
                 self.stage = Stage.PAUSED
@@ -282,22 +290,22 @@ class Guide:
             self.stage = Stage.CHECK_STREAM
             self.new_log()
             if self.stem != REST:
-                self._say(Kind.STAGE, "it goes on")
+                self._announce(Kind.STAGE, "it goes on")
         else:
             self._do(decision)
-        return self._told()
+        return self._take_messages()
 
     def _do(self, decision: Event) -> None:
         """A decision about turns."""
         if decision.kind == "drop":
             self._drop(int(decision.text) * 1000)
         elif decision.kind == "finish" and self.closure is None:
-            self._segments_done(f"{self.accepted} segments, finished by the operator")
+            self._turns_done()
         elif self.closure is not None:
             self.closure.decided(decision)
             self.turn.accepted_still()
             if decision.kind == "keep":
-                self._finish(f"{self.accepted} segments and a closure run")
+                self._finish()
 
     @property
     def is_mine(self) -> bool:
@@ -314,29 +322,32 @@ class Guide:
     @property
     def awaits_advice(self) -> bool:
         """Whether to wait for the coach's advice."""
-        return self._asks_since_s is not None and self.here.now_s - self._asks_since_s < COACH_S
+        return self._advice_due_since_s is not None and self.here.now_s - self._advice_due_since_s < COACH_S
 
     @property
     def enough(self) -> bool:
-        """Whether every target is met while turns are still asked for: the operator may finish."""
-        return self.advice is not None and self.advice.reached and self.closure is None and self.stage is not Stage.DONE
+        """Whether every target is met, with as many turns as a verdict needs, while turns are still requested: the operator may finish."""
+        reached = self.advice is not None and self.advice.reached and self.accepted >= min(ENOUGH_SEGMENTS, self.segments)
+        return reached and self.closure is None and self.stage is not Stage.DONE
 
     @property
-    def short_of(self) -> str:
-        """How many targets are met, ``0 of 21``, where some are not; empty where all are, and without a coach."""
-        if self.advice is None or not self.advice.missing or not self.advice.sigmas:
-            return ""
-        return f"{sum(sigma <= 1 for _, sigma in self.advice.sigmas)} of {len(self.advice.sigmas)} targets are met"
+    def met(self) -> tuple[int, int]:
+        """How many targets are met, of how many; of none without a coach."""
+        sigmas = self.advice.sigmas if self.advice is not None else ()
+        return sum(sigma <= 1 for _, sigma in sigmas), len(sigmas)
 
     @property
     def accepted(self) -> int:
-        """Number of segments that count."""
+        """Number of turns that count."""
         return len(self.taken.turns)
 
     @property
     def so_far(self) -> str:
-        """What is recorded, in words."""
-        return f"{self.accepted} segments"
+        """What is recorded, in words: ``12 of 12 numbers are good enough after 26 turns``."""
+        met, targets = self.met
+        turns = f"{self.accepted} turn{'' if self.accepted == 1 else 's'}"
+        run = " and a closure run" if self.closure is not None and self.closure.step == WHOLE else ""
+        return f"{met} of {targets} numbers are good enough after {turns}{run}" if targets else f"{turns}{run}"
 
     def resumes(self) -> bool:
         """Whether a resumed recording goes on."""
@@ -376,10 +387,11 @@ class Guide:
 
     @property
     def wait(self) -> Wait | None:
-        """Whether it pays to let the board warm up before going on."""
+        """What letting the board warm up before going on would gain."""
         if self.stage not in (Stage.HOLD_STILL, Stage.TURN):
             return None
-        return self.health.wait(self.taken.turns, self.taken.stills, self.segments - self.accepted)
+        planned = min(USUAL_TURNS, self.segments) if self.stop_at_target else self.segments
+        return self.health.wait(self.taken.turns, self.taken.stills, planned - self.accepted)
 
     @property
     def instruction(self) -> Instruction:
@@ -395,9 +407,9 @@ class Guide:
         if stage is Stage.PAUSED:
             return Instruction(stage, "paused: nothing is examined", "p goes on", good=False)
         if stage is Stage.DONE:
-            short = self.short_of
-            do = f"the turns are made, the targets are not: {short}" if short else "done: the table may be left"
-            return Instruction(stage, do, f"{self.accepted} segments accepted{'; go on with more turns' if short else ''}", good=not short)
+            short = self.met[0] < self.met[1]
+            do = "the turns are made, but some numbers need more of them" if short else "done: the table may be left"
+            return Instruction(stage, do, self.so_far, good=not short)
         if stage is Stage.CLOSURE and self.closure is not None:
             return self.closure.instruction(self.turn)
         return self._turn_instruction() if stage is Stage.TURN else self._hold_instruction()
@@ -413,15 +425,15 @@ class Guide:
         return Instruction(self.stage, "hold still: hands off the table", why, left, min(held / self.hold_s, 1.0), good)
 
     def _turn_instruction(self) -> Instruction:
-        turn, advice = self.turn, self.asked
+        turn, advice = self.turn, self.requested
         if self.taken.turns and self.awaits_advice and not turn.moving:
             return Instruction(self.stage, "one moment: the coach evaluates the last turn", "for some 2 s at most")
         if self.enough and not turn.moving:
-            return Instruction(self.stage, "enough: finish now", f"every target is met; {FINISH_WORDS}, or turn on")
+            return Instruction(self.stage, "enough: finish now", f"{self.so_far}; {FINISH_WORDS}, or turn on")
         do = advice.words if advice else self.any_turn
         if not turn.moving:
-            waits = f"waiting for the turn; segment {self.accepted + 1} of {self.segments}"
-            return Instruction(self.stage, do, advice.reason if advice and advice.reason else waits)
+            waits = f"turn {self.accepted + 1}{'' if self.stop_at_target else f' of {self.segments}'}"
+            return Instruction(self.stage, do, f"{waits}; {advice.reason}" if advice and advice.reason else waits)
         full_scale_dps, peak_dps = self._sensor.gyro_fs_dps, turn.peak_rps / DEG
         turned = f"turned {turn.path_rad / DEG:.0f}° so far"
         if peak_dps > PEAK_FULL_SCALE * full_scale_dps:
@@ -431,13 +443,13 @@ class Guide:
         then = "then let go" if turn.path_rad >= NEARLY * before_last else "then at once the next turn"
         return Instruction(self.stage, do, f"peak {peak_dps:.0f} of {full_scale_dps:.0f} dps; {then}", far=turned)
 
-    def _asks(self, now_s: float | None = None) -> None:
+    def _expect_advice(self, now_s: float | None = None) -> None:
         """The board has another attitude now, or other turns count.  now_s: when the coach is asked again, None if it is not."""
-        self.asked, self._asks_since_s = None, now_s
+        self.requested, self._advice_due_since_s = None, now_s
 
     def _begin_log(self) -> None:
         self.here = PresentLog()
-        self._asks()
+        self._expect_advice()
         self.objection = ""  # why the present still does not count
         self._examined_s = 0.0
 
@@ -452,11 +464,11 @@ class Guide:
             return False
         if problem:
             if problem != self.waits_for:
-                self._say(Kind.WARNING, problem)
+                self._announce(Kind.WARNING, problem)
             self.waits_for = problem
             return False
         self.waits_for, self.stage = "", Stage.HOLD_STILL if self.closure is None else Stage.CLOSURE
-        self._say(Kind.STAGE, f"the stream is good: {1 / self.here.pending.period_s:.1f} Hz")
+        self._announce(Kind.STAGE, f"the stream is good: {1 / self.here.pending.period_s:.1f} Hz")
         return True
 
     def _block(self, samples: Samples) -> None:
@@ -475,11 +487,11 @@ class Guide:
             self.here.window.rest(self.turn.still_s)
         elif max(self.turn.still_s, self.turn.restless_s) >= self._settling_s():
             self.stage, self.objection = Stage.HOLD_STILL, ""
-            self._say(Kind.STAGE, f"turned {self.turn.path_rad / DEG:.0f}°: now hold still")
+            self._announce(Kind.STAGE, f"turned {self.turn.path_rad / DEG:.0f}°: now hold still")
 
     def _settling_s(self) -> float:
         """The rest after which the turn has ended; longer while a second rotation is to come."""
-        movements = self.asked.movements if self.asked else ()
+        movements = self.requested.movements if self.requested else ()
         goes_on = len(movements) > 1 and self.turn.path_rad < MOST_OF_IT * sum(abs(movement.angle_rad) for movement in movements)
         return max(SETTLING_S, BETWEEN * self.protocol.still_s) if goes_on else SETTLING_S
 
@@ -504,65 +516,71 @@ class Guide:
         if held_s >= SETTLING_S:
             why = examined.why if examined is not None else f"too short a still, {held_s:.1f} < {shortest:.1f} s"
             turns = ": this turn goes on to the next still" if self.here.window.has_reference else ""
-            self._say(Kind.WARNING, f"{why}{turns}")
+            self._announce(Kind.WARNING, f"{why}{turns}")
 
     def _accept_still(self, examined: StillExamination, still: Still) -> None:
         """The present still is a reference; decide whether the turn before it is a segment."""
         segment = examined.segment
         self.here.accept(examined.samples, still)
         self.stage, self.objection = Stage.TURN, ""
-        self._asks(self.here.now_s if self.coached else None)
+        self._expect_advice(self.here.now_s if self.coached else None)
         if self.taken.add_still(still) and (own := self.taken.own) is not None:
-            self._say(Kind.WARNING if own.problem else Kind.STAGE, f"the accelerometer is known: {own.problem or own.words}")
+            self._announce(Kind.WARNING if own.problem else Kind.STAGE, f"the accelerometer is known: {own.problem or own.words}")
         if segment is None:
-            self._say(Kind.READY, f"the first still holds ({still.duration_s:.1f} s): turn")
+            self._announce(Kind.READY, f"the first still holds ({still.duration_s:.1f} s): turn")
             return
         number, problem = self.accepted + self.rejected + self.dropped + 1, why_not(segment)
         self.here.refused = True
         if any(moved_at(segment, examined.samples, at_ns * NS) for at_ns in self.here.dropped_ns):
             self.dropped += 1
-            self._say(Kind.STAGE, f"turn {number} dropped, as requested")
+            self._announce(Kind.STAGE, f"turn {number} dropped, as requested")
         elif problem:
             self.rejected += 1
-            self._say(Kind.REJECTED, f"turn {number} rejected: {problem}")
+            self._announce(Kind.REJECTED, f"turn {number} rejected: {problem}")
         else:
             self.here.refused = False
             turn = accepted_turn(segment, examined, self.log, self._before_s, self.here.began_ns)
             self.taken.turns.append(turn)
             note = f"; {segment.note}" if segment.note else ""
-            self._say(Kind.ACCEPTED, f"turn {number} accepted: {segment.turn_deg:.0f}° in {segment.turn_s:.1f} s{note}", turn)
+            self._announce(Kind.ACCEPTED, f"turn {number} accepted: {segment.turn_deg:.0f}° in {segment.turn_s:.1f} s{note}", turn)
             if self.accepted >= self.segments:
-                self._segments_done(f"{self.accepted} segments")
+                self._turns_done()
 
     def _drop(self, at_ns: int) -> None:
         """Drop an accepted turn of this log, or the one in progress."""
         turn = self.taken.drop(self.log, at_ns)
         if turn is None:
             self.here.dropped_ns.append(at_ns)
-            self._say(Kind.STAGE, "this turn will not count; its data stay")
+            self._announce(Kind.STAGE, "this turn will not count; its data stay")
             return
         self.dropped, self.here.refused = self.dropped + 1, True
-        self._asks(self.here.now_s if self.coached else None)
+        self._expect_advice(self.here.now_s if self.coached else None)
         which = f"{turn.segment.turn_deg:.0f}° in {turn.segment.turn_s:.1f} s"
-        self._say(Kind.STAGE, f"the last turn is dropped ({which}): left out, its data stay")
+        self._announce(Kind.STAGE, f"the last turn is dropped ({which}): left out, its data stay")
 
-    def _segments_done(self, why: str) -> None:
+    def _turns_done(self) -> None:
         if not self.closure_s:
-            self._finish(why)
+            self._finish()
             return
-        self.stage, self.closure = Stage.CLOSURE, ClosureGuide(self._sensor, self.protocol, self.hold_s, self.closure_s, self._say)
-        self._say(Kind.READY, f"{why}: now the closure run; {MARK_WORDS}")
+        self.stage, self.closure = Stage.CLOSURE, ClosureGuide(self._sensor, self.protocol, self.hold_s, self.closure_s, self._announce)
+        self._announce(Kind.READY, f"{self.so_far}: now the closure run; {MARK_WORDS}")
 
-    def _finish(self, why: str) -> None:
+    @property
+    def outcome(self) -> str:
+        """The recording's result in a sentence."""
+        met, targets = self.met
+        return f"{'done' if self.stage is Stage.DONE and met == targets else 'ended'}: {self.so_far}"
+
+    def _finish(self) -> None:
         self.stage = Stage.DONE
-        self._say(Kind.DONE, f"ended, {self.short_of}: {why}" if self.short_of else f"done: {why}")
+        self._announce(Kind.DONE, self.outcome)
 
-    def _told(self) -> list[GuideMessage]:
+    def _take_messages(self) -> list[GuideMessage]:
         """The messages since the last call."""
-        told, self._messages = self._messages, []
-        return told
+        messages, self._messages = self._messages, []
+        return messages
 
-    def _say(self, kind: Kind, text: str, accepted: AcceptedTurn | None = None) -> None:
+    def _announce(self, kind: Kind, text: str, accepted: AcceptedTurn | None = None) -> None:
         self._messages.append(GuideMessage(kind, text, self.now_s, accepted))
 
 

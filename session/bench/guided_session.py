@@ -81,7 +81,7 @@ UNKNOWN_S = 10.0  #: of samples without their ranges
 KEEPS_BAUD = "a board that was set to 6667 Hz keeps --baud 2000000 until it is switched off"
 LAST_WORD_S = 5.0  #: for the coach at the end
 SHOW_EVERY_S = 0.1
-NEW_LOG_SAYS = {"reset": "the board was reset", "reconnect": "the port was opened again"}
+NEW_LOG_CAUSE = {"reset": "the board was reset", "reconnect": "the port was opened again"}
 
 Configure = Callable[[Info | None, float], Config | None]
 Watch = Callable[[Guide, Samples], None]
@@ -155,7 +155,7 @@ class GuidedRecording:
                 self.guide.new_log()
                 if (self.guide.begun == REST) != (self.guide.stem == REST):  # its own log begins with the new connection
                     self._decide(Event("pause"))
-                self._say(Kind.STAGE, f"resumed: {self.guide.so_far} so far")
+                self._announce(Kind.STAGE, f"resumed: {self.guide.so_far} so far")
             while self.guide.stage is not Stage.DONE:
                 if stopped():
                     raise KeyboardInterrupt
@@ -165,12 +165,12 @@ class GuidedRecording:
                 self._obey()
                 self._check_port()
                 self._check_clock()
-                self._tell(self._coach.hear(self.guide))
+                self._show_messages(self._coach.hear(self.guide))
                 self._move()
                 self._show()
             until_s = time.monotonic() + LAST_WORD_S
             while self._coach.busy(self.guide) and time.monotonic() < until_s:
-                self._tell(self._coach.hear(self.guide))
+                self._show_messages(self._coach.hear(self.guide))
                 time.sleep(0.01)
             self._page.end()
             self._obey()
@@ -192,7 +192,7 @@ class GuidedRecording:
             return
         heard = self.recorder.heard
         moment = None if heard is None else Moment(self.recorder.logs.present, heard[1], heard[0])
-        self._tell(self._mover.step(self.guide, moment, self.coaching))
+        self._show_messages(self._mover.step(self.guide, moment, self.coaching))
         if (decision := self._mover.wants) is not None:
             self._decide(decision)
 
@@ -201,7 +201,7 @@ class GuidedRecording:
             self._shown_s = time.monotonic()
             self._view.show(self.guide)
 
-    def _tell(self, changes: list[GuideMessage]) -> None:
+    def _show_messages(self, changes: list[GuideMessage]) -> None:
         for change in changes:
             self._view.change(change)
 
@@ -217,7 +217,7 @@ class GuidedRecording:
                 if isinstance(event, BoardStatus) and self.board.changes_source(event):
                     self.guide.new_log()
                 for words in self.board.hear(event):
-                    self._say(Kind.WARNING, words)
+                    self._announce(Kind.WARNING, words)
             elif event.kind == "comment":
                 self._remark = event.text
             elif event.kind in TROUBLES:
@@ -243,12 +243,12 @@ class GuidedRecording:
         self.guide.new_log()
         self._new_logs += 1
         if self._new_logs <= SHORT_STARTS:
-            self._say(Kind.WARNING, f"{NEW_LOG_SAYS[kind]}: a new log begins")
+            self._announce(Kind.WARNING, f"{NEW_LOG_CAUSE[kind]}: a new log begins")
             for words in because:
-                self._say(Kind.WARNING, words)
+                self._announce(Kind.WARNING, words)
         if self._new_logs == SHORT_STARTS:  # a board that resets again and again would fill the screen
             again = f"this was the {SHORT_STARTS}th time, later ones are not shown"
-            self._say(Kind.WARNING, f"{again}; a start that lasts less than {SHORT_US / 1e6:g} s gets no log")
+            self._announce(Kind.WARNING, f"{again}; a start that lasts less than {SHORT_US / 1e6:g} s gets no log")
 
     def _samples(self, chunk: SampleChunk) -> None:
         if self.config is None:
@@ -263,7 +263,7 @@ class GuidedRecording:
             self.guide.waits(Stage.CHECK_STREAM, "the board has not yet sent its ranges (an info frame, or a # line)")
             return
         samples = samples_of(chunk, self.config)
-        self._tell(self.guide.feed(samples))
+        self._show_messages(self.guide.feed(samples))
         if self._watch is not None:
             self._watch(self.guide, samples)
 
@@ -305,8 +305,8 @@ class GuidedRecording:
         if config is None or self.config is not None:
             return False
         self.config = config
-        uncalibrated = config.accelerometer.source == "none"
-        self.guide.begin(config.sensor, LiveAccelerometerFit(config.site.expected_gravity_mps2) if uncalibrated else None)
+        own = LiveAccelerometerFit(config.site.expected_gravity_mps2) if config.accelerometer.source == "none" else None
+        self.guide.begin(config.sensor, own, config.accelerometer.sigma_mg)
         early, self._early = self._early, []
         for chunk in early:
             self._samples(chunk)
@@ -321,7 +321,7 @@ class GuidedRecording:
     def _decide(self, decision: Event) -> None:
         """Apply a decision to the files and the guide."""
         self.recorder.decide(decision)
-        self._tell(self.guide.decided(decision))
+        self._show_messages(self.guide.decided(decision))
 
     def _was_decided(self, decision: Event) -> None:
         """Apply a decision of the resumed recording to the guide."""
@@ -330,7 +330,7 @@ class GuidedRecording:
             if not self._notebook.excludes(paths[-1].name if paths else "", int(decision.text) * 1e-6):
                 return  # the operator has withdrawn it
         if decision.kind not in ("note", "done"):
-            self._tell(self.guide.decided(decision))
+            self._show_messages(self.guide.decided(decision))
 
     def _obey(self) -> None:
         """Carry out the operator's commands, from keys and page."""
@@ -343,7 +343,7 @@ class GuidedRecording:
             except StorageError:
                 raise
             except CalibrationError as error:  # no command may end a recording
-                self._say(Kind.WARNING, str(error))
+                self._announce(Kind.WARNING, str(error))
         if self._keys is not None:
             self.guide.keys = self._typing.words(self.guide, self._mover is not None)
 
@@ -352,14 +352,14 @@ class GuidedRecording:
         if command == "note" and self._notebook is not None:
             self.recorder.decide(Event("note", text=text))  # first where nothing can refuse it
             self._notebook.note(text, datetime.now(UTC))
-            self._say(Kind.STAGE, f"noted: {text}")
+            self._announce(Kind.STAGE, f"noted: {text}")
         elif command == "here" and guide.closure is not None:
             guide.closure.on_the_mark()
         elif command == "stop" and self._mover is not None:
             self._mover.stop()
             if begun and guide.stage is not Stage.PAUSED:
                 self._decide(Event("pause"))
-            self._say(Kind.WARNING, "the table is stopped; p goes on with the next move")
+            self._announce(Kind.WARNING, "the table is stopped; p goes on with the next move")
         elif not begun:
             return
         elif command == "finish":
@@ -372,7 +372,7 @@ class GuidedRecording:
         elif command == "drop" and self._notebook is not None:
             moment_us, why = guide.to_drop
             if moment_us is None:
-                self._say(Kind.WARNING, why)
+                self._announce(Kind.WARNING, why)
                 return
             # First where fit reads it, then where a replay does: a mark without its entry is a withdrawn one.
             self._notebook.exclude(self.recorder.logs.paths[-1].name, moment_us * 1e-6)
@@ -396,10 +396,10 @@ class GuidedRecording:
     def _check_clock(self) -> None:
         """Report once that the device's clock is wrong, which is a wrong scale factor of all axes."""
         self.guide.health.clock = clock = self.recorder.clock.measured
-        if clock is not None and not self._clock_reported and clock.tells and abs(clock.ratio - 1) > OFF:
+        if clock is not None and not self._clock_reported and clock.is_informative and abs(clock.ratio - 1) > OFF:
             self._clock_reported = True
             wrong = f"{clock_words(clock.ratio, clock.sigma_ppm)} (bar {1e6 * OFF:g})"
-            self._say(Kind.WARNING, f"{wrong}: every scale factor is off by as much, which `fit --clock arrivals` takes out")
+            self._announce(Kind.WARNING, f"{wrong}: every scale factor is off by as much, which `fit --clock arrivals` takes out")
 
-    def _say(self, kind: Kind, text: str) -> None:
+    def _announce(self, kind: Kind, text: str) -> None:
         self._view.change(GuideMessage(kind, text, self.guide.now_s))

@@ -219,11 +219,11 @@ class TurnInProgress:
         self.peak_rps = max(self.peak_rps, block.peak_rps)
 
 
-# The warm-up: whether it pays to wait until the board is warm, by the drift of its bias over the session, starting now or in some minutes.
+# The warm-up: a session begins at once, and this is what waiting for a warm board would gain, by the drift of its bias over the session.
 #
-# One calibration has one bias.  What counts is the spread of the bias over all turns of the session, recorded ones included: after half of
-# it was recorded cold, a warm second half gains nothing.  The temperature is assumed to settle exponentially, as in the last minutes; the
-# stills determine the bias per degree, and until they do, it is that of a data sheet.
+# One calibration has one bias, and the fit counts its drift.  The drift is the spread of the bias over all turns of the session, recorded
+# ones included: after half of it was recorded cold, a warm second half gains nothing.  The temperature is assumed to settle exponentially,
+# as in the last minutes; the stills determine the bias per degree, and until they do, it is that of a data sheet.
 
 #: rad/s rms: a drift that moves no parameter by more than its target in 9 of 10 sessions (``benchmarks/warm_up.py``)
 _BAR_RPS = 4 * MDPS
@@ -240,18 +240,17 @@ LEAST_SIGMA_C = 0.005  #: of a mean over some hundred readings
 
 @dataclass(frozen=True)
 class Wait:
-    """The gain of waiting: minutes; rms drift of the bias over the session, rad/s, without and with the wait; minutes left."""
+    """The gain of waiting: minutes; rms drift of the bias over the session, rad/s, without and with the wait."""
 
     minutes: int
     now_rps: float
     then_rps: float
-    left_min: float
 
     @property
     def words(self) -> str:
         """Both choices, in figures."""
-        waiting = f"wait {self.minutes} min, and the bias drifts by {self.then_rps / MDPS:.1f} mdps"
-        return f"{waiting}; going on now ({self.left_min:.0f} min), by {self.now_rps / MDPS:.1f} (bar {_BAR_RPS / MDPS:g})"
+        drifts = f"from {self.now_rps / MDPS:.1f} to {self.then_rps / MDPS:.1f} mdps"
+        return f"waiting {self.minutes} min would lower the bias's drift {drifts}"
 
 
 class Settling(NamedTuple):
@@ -310,7 +309,7 @@ def worth_waiting(temperature: Settling, turned_c: np.ndarray, each_rps: float, 
     if not enough.any():
         return None
     first = int(np.argmax(enough))
-    return Wait(WAITS_MIN[first], now_rps, float(then_rps[first]), float(later_s[-1]) / 60)
+    return Wait(WAITS_MIN[first], now_rps, float(then_rps[first]))
 
 
 SLOPE_OVER_S = 60.0

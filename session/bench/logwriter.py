@@ -237,7 +237,7 @@ class LogWriter:
         return self.folder / f"{stem}{number:04d}.csv"
 
 
-def said_not_logged(samples: int, starts: int) -> str:
+def not_logged_words(samples: int, starts: int) -> str:
     """The starts that got no log, in words."""
     short = f"{starts} starts that lasted less than {SHORT_US / 1e6:g} s, behind {SHORT_STARTS} in a row"
     return f"{samples} samples are in no log, of {short}; why does the board reset?"

@@ -52,7 +52,7 @@ class Instruction:
     far: str = ""  #: how far a turn has gone, where ``why`` speaks of it; a picture of the turn shows it itself
 
     @property
-    def says(self) -> str:
+    def reason(self) -> str:
         """``far`` and ``why`` in a line."""
         return f"{self.far}, {self.why}" if self.far else self.why
 
@@ -102,6 +102,7 @@ class Progress:
     own: bool = False  #: whether the accelerometer has no calibration but the session's own stills
     accelerometer: Accelerometer | None = None  #: that calibration, once there is one
     gyro_fs_rps: float = inf  #: full scale
+    given_sigma_mg: float | None = None  #: of each number of a given accelerometer calibration, where session.toml states it
 
 
 @dataclass(frozen=True)

@@ -293,7 +293,7 @@ class BoardSetup:
 
     def __init__(self, wanted: Mapping[str, float | None]):
         self._wanted = {name: value for name, value in wanted.items() if value is not None}
-        self.said: list[str] = []  #: what was set, in words
+        self.applied: list[str] = []  #: what was set, in words
         self._set_s: float | None = None  # when a board was set
         self._cut = b""  # possibly the beginning of a frame
 
@@ -333,7 +333,7 @@ class BoardSetup:
         """Takes at most some seconds for each step."""
         if not self._wanted:
             return b""
-        self.said, self._set_s, self._cut = [], None, b""
+        self.applied, self._set_s, self._cut = [], None, b""
         talk = _Dialogue(port)
         talk.listen(lambda: talk.board is not None or talk.is_mute, SPEAKS_S)
         own_baud = port.baudrate
@@ -357,7 +357,7 @@ class BoardSetup:
             if board.baud < needed:
                 self._raise_baud(talk, next((baud for baud in FASTER if baud >= needed), FASTER[-1]))
             talk.command(frames.DATA_RATE, f"--odr {odr_hz:g}", odr_hz, hint=f"the data rates are {RATES}")
-            self.said.append(f"data rate {odr_hz:g} Hz")
+            self.applied.append(f"data rate {odr_hz:g} Hz")
         talk.listen(lambda: talk.info is not None, ANSWER_S)
         if (info := talk.info) is None:
             raise DeviceError("the board does not send its ranges; switch it off and on")
@@ -368,7 +368,7 @@ class BoardSetup:
             if gyro_fs % 1 or accel_fs % 1 or max(gyro_fs, accel_fs) > 0xFFFF:
                 raise CalibrationError(f"{what}: {frames.REFUSALS[frames.IMPOSSIBLE]}; {hint}")
             talk.command(frames.RANGES, what, int(gyro_fs), int(accel_fs), hint=hint)
-            self.said.append(f"ranges {gyro_fs:g} dps, {accel_fs:g} g")
+            self.applied.append(f"ranges {gyro_fs:g} dps, {accel_fs:g} g")
 
     def _raise_baud(self, talk: _Dialogue, baud: int) -> None:
         talk.command(frames.BAUD, f"{baud} baud", baud)
@@ -379,7 +379,7 @@ class BoardSetup:
             raise DeviceError(
                 f"nothing is heard at the {baud} baud that this data rate needs: the port or its adapter does not do them; a lower --odr"
             ) from None
-        self.said.append(f"{baud} baud")
+        self.applied.append(f"{baud} baud")
 
 
 class _Dialogue:

@@ -223,10 +223,10 @@ class LiveAccelerometerFit:
         if not self.stills:
             return "no stills yet"
         before, after = self.spread_mg
-        spread = f"{len(self.stills)} stills in {self.attitudes} attitudes; gravity's spread {before:.1f} mg"
+        spread = f"{len(self.stills)} stills, {self.attitudes} attitudes: gravity spreads by {before:.1f} mg"
         if after is None:
             return spread
-        return f"{spread} before, {after:.2f} mg after{'' if self.known else ' (not all of it yet)'}"
+        return f"{spread}, calibrated {after:.2f} mg{'' if self.known else ' so far'}"
 
     @property
     def problem(self) -> str:
@@ -262,10 +262,11 @@ class AcceptedData:
         self.stills: list[Still] = []
         self.own: LiveAccelerometerFit | None = None
         self.gyro_fs_rps = np.inf  #: full scale, once it is known
+        self.given_sigma_mg: float | None = None
 
-    def begin(self, own: LiveAccelerometerFit | None, gyro_fs_rps: float) -> None:
+    def begin(self, own: LiveAccelerometerFit | None, gyro_fs_rps: float, given_sigma_mg: float | None) -> None:
         """The sensor's calibration and full scale are known."""
-        self.own, self.gyro_fs_rps = own, gyro_fs_rps
+        self.own, self.gyro_fs_rps, self.given_sigma_mg = own, gyro_fs_rps, given_sigma_mg
 
     def corrected(self, force: np.ndarray) -> np.ndarray:
         """Calibrated specific force (3,), by what is known now."""
@@ -287,7 +288,7 @@ class AcceptedData:
         """A snapshot for the coach."""
         own = self.own
         accelerometer = own.accelerometer if own is not None else None
-        return Progress(tuple(self.turns), tuple(self.stills), own is not None, accelerometer, self.gyro_fs_rps)
+        return Progress(tuple(self.turns), tuple(self.stills), own is not None, accelerometer, self.gyro_fs_rps, self.given_sigma_mg)
 
     def add_still(self, still: Still) -> bool:
         """Add a reference still; returns whether it has completed the accelerometer's calibration."""

@@ -217,7 +217,7 @@ class RawFile:
         os.lseek(self._times, -1, os.SEEK_END)
         if os.read(self._times, 1) != b"\n":  # a process was killed while it wrote a line
             self._write(self._times, b"\n")
-        if words := said_cut(self.path):
+        if words := cut_words(self.path):
             self.cut = words
             self._write(self._times, f"{time.monotonic_ns()},{self.size},{CUT}\n".encode())
 
@@ -369,7 +369,7 @@ def read_events(raw_path: Path) -> list[Mark]:
     return sorted(events, key=lambda mark: mark.offset)
 
 
-def said_cut(raw_path: Path) -> str:
+def cut_words(raw_path: Path) -> str:
     """That a raw file holds fewer bytes than ``raw.times`` noted last, in one line; empty where it holds them."""
     noted, size = 0, raw_path.stat().st_size
     for mark in read_marks(raw_path, TAIL):

@@ -81,7 +81,7 @@ class RestGuide(Guide):
 
     def _do(self, decision: Event) -> None:
         if decision.kind == "finish":
-            self._finish(f"{self.so_far}, finished by the operator")
+            self._finish()
 
     @property
     def instruction(self) -> Instruction:
@@ -124,19 +124,19 @@ class RestGuide(Guide):
             if (answer := self._figures.answer()) is not None:
                 before, self.answer = self.answer, answer
                 for line in answer.lines:
-                    self._say(Kind.STAGE, line)
+                    self._announce(Kind.STAGE, line)
                 if answer.known and not before.known:
-                    self._say(Kind.READY, f"enough: {self.so_far} shows the noise as precisely as was asked")
+                    self._announce(Kind.READY, f"enough: {self.so_far} shows the noise as precisely as requested")
                     if self.stop_at_target:
-                        self._finish(f"{self.so_far}, and the noise is known")
+                        self._finish()
         if self.rest_s is not None and self.rested_s >= self.rest_s:
-            self._finish(self.so_far)
+            self._finish()
 
     def _moves(self, block: MotionBlock) -> None:
         self.moved_s += block.duration_s
         if self.rested_s - self._warned_s >= WARN_EVERY_S:
             self._warned_s = self.rested_s
-            self._say(Kind.WARNING, f"it moves: {block.why}; a floor without steps, machines and draught is a better place")
+            self._announce(Kind.WARNING, f"it moves: {block.why}; a floor without steps, machines and draught is a better place")
 
 
 def in_words(seconds: float) -> str:

@@ -54,7 +54,7 @@ class PlainLines:
 
     def __init__(self, console: PlainConsole | None = None):
         self.console = console or PlainConsole(stderr=True)
-        self._said, self._said_s = "", 0.0
+        self._shown, self._shown_s = "", 0.0
 
     def change(self, change: GuideMessage) -> None:
         """Print a message."""
@@ -63,10 +63,10 @@ class PlainLines:
     def show(self, guide: Guide) -> None:
         """Print a new instruction, and every few seconds why the guide waits."""
         now, wall_s = guide.instruction, time.monotonic()
-        if now.do == self._said and (now.good or wall_s - self._said_s < REMIND_S):
+        if now.do == self._shown and (now.good or wall_s - self._shown_s < REMIND_S):
             return
-        why = now.says if not now.good or (now.stage in (Stage.TURN, Stage.CLOSURE) and not guide.turning) else ""
-        self._said, self._said_s = now.do, wall_s
+        why = now.reason if not now.good or (now.stage in (Stage.TURN, Stage.CLOSURE) and not guide.turning) else ""
+        self._shown, self._shown_s = now.do, wall_s
         self.console.print(f"{'':12}{now.do}{f' ({why})' if why else ''}")
 
 
@@ -96,7 +96,7 @@ def _instruction(guide: Guide, title: str) -> Panel:
     else:
         bar.add_row(Text(""), Text(""))
     colour = COLOURS.get(now.stage, "yellow")
-    why = Text(now.says, style="" if now.good else "bold yellow")
+    why = Text(now.reason, style="" if now.good else "bold yellow")
     return Panel(
         Group(Text(now.do.replace(", then at once ", ",\nthen at once "), style=f"bold {colour}"), bar, why),
         title=Text(title),
@@ -113,7 +113,7 @@ def _state(guide: Guide) -> Table:
     stream: list[tuple[str, RenderableType]] = [
         ("stream", _stream(health)),
         ("faults", _counts((f"{count} {name}", bool(count)) for name, count in health.faults.items())),
-        ("warmth", _warmth(guide)),
+        ("temperature", _temperature(guide)),
     ]
     if isinstance(guide, RestGuide):
         rows = [*guide.rows, *stream]
@@ -121,7 +121,7 @@ def _state(guide: Guide) -> Table:
         gravity = [] if taken.own is None else [("gravity", taken.own.words)]
         ups = _counts(((f"{face} {count}", not count) for face, count in taken.stills_up.items()), "yellow")
         about = _counts(((f"{axis} {degrees:.0f}°", not degrees) for axis, degrees in taken.turned_deg.items()), "yellow")
-        rows = [("segments", _segments(guide)), ("coach", _coach(guide)), *gravity, *stream, ("up in stills", ups), ("turned about", about)]
+        rows = [("numbers", _numbers(guide)), ("turns", _turns(guide)), *gravity, *stream, ("up in stills", ups), ("turned about", about)]
     for row in rows:
         table.add_row(*row)
     return table
@@ -132,34 +132,30 @@ def _counts(counts: Iterable[tuple[str, bool]], style: str = "bold yellow") -> T
     return Text.assemble(*((f"{words}  ", style if marked else "") for words, marked in counts))
 
 
-def _segments(guide: Guide) -> Table:
+def _numbers(guide: Guide) -> RenderableType:
+    met, targets = guide.met
+    if not targets:
+        return "–"
     row = Table.grid(padding=(0, 1))
-    rejected = f", {guide.rejected} rejected" if guide.rejected else ""
-    row.add_row(
-        ProgressBar(total=guide.segments, completed=guide.accepted, width=24, complete_style="green"),
-        f"{guide.accepted} of {guide.segments} accepted{rejected}",
-    )
+    bar = ProgressBar(total=targets, completed=met, width=24, complete_style="green")
+    row.add_row(bar, f"{met} of {targets} are good enough")
     return row
 
 
-def _coach(guide: Guide) -> str:
-    if guide.advice is None:
-        return "–"
-    if not guide.advice.missing:
-        return guide.advice.reason
-    worst = guide.advice.missing[0].replace(" times its target", "×")
-    return f"{len(guide.advice.missing)} parameters above target; {worst}"
+def _turns(guide: Guide) -> str:
+    of = "" if guide.stop_at_target else f" of {guide.segments}"
+    return f"{guide.accepted}{of} accepted{f', {guide.rejected} rejected' if guide.rejected else ''}"
 
 
 def _stream(health: StreamHealth) -> Text:
     if health.odr_hz is None:
         return Text(f"– Hz; {health.samples} samples")
-    others = {"board says": health.info_odr_hz, "host clock": health.odr_by_host_hz}
+    others = {"nominal": health.info_odr_hz, "host clock": health.odr_by_host_hz}
     stated = ", ".join(f"{who} {odr_hz:.2f}" for who, odr_hz in others.items() if odr_hz)
     return Text(f"{health.odr_hz:.2f} Hz; {f'{stated}; ' if stated else ''}{health.samples} samples")
 
 
-def _warmth(guide: Guide) -> Text:
+def _temperature(guide: Guide) -> Text:
     health = guide.health
     if health.temp_c is None:
         return Text("–")
@@ -168,5 +164,5 @@ def _warmth(guide: Guide) -> Text:
     if slope is not None:
         text.append(f", {slope:+.2f} °C/min")
     if (wait := guide.wait) is not None:
-        text.append(f": {wait.words}", style="yellow")
+        text.append(f"\n{wait.words}")
     return text

@@ -175,7 +175,7 @@ class SessionFile:
 
         A clock that the user knows, ``clock_sigma_ppm`` alone, stays.
         """
-        if clock is None or self._own is None or not clock.tells:
+        if clock is None or self._own is None or not clock.is_informative:
             return ""
         words = clock_words(clock.ratio, clock.sigma_ppm)
         try:

@@ -12,9 +12,9 @@ from session.base.files import MB, copy_new, folder_whole, open_file, require_em
 from session.base.questions import QuestionsError
 from session.base.texts import command_line
 from session.bench.decoder import StreamDecoder
-from session.bench.frames import cannot_be_told
-from session.bench.logwriter import FOREIGN, LogWriter, said_not_logged
-from session.bench.rawfile import said_cut
+from session.bench.frames import damaged_words
+from session.bench.logwriter import FOREIGN, LogWriter, not_logged_words
+from session.bench.rawfile import cut_words
 from session.bench.recorder import BLOCK, stream
 from session.bench.session_file import ASSUMED, NAME, PATIENCE_S, SessionFile
 from session.detect.first_look import check_folder
@@ -89,10 +89,10 @@ def convert_raw(raw_path: Path, out: Path, answers: Answers, header: str | None 
     }
     notes += [f"{count} {what}" for what, count in counts.items() if count]
     if decoder.crc_errors:
-        notes.append(f"of {decoder.crc_errors} damaged frames {cannot_be_told(decoder.crc_errors)}")
+        notes.append(f"of {decoder.crc_errors} damaged frames {damaged_words(decoder.crc_errors)}")
     if logs.not_logged:
-        notes.append(said_not_logged(logs.not_logged, logs.not_logged_starts))
-    notes += [words] if (words := said_cut(raw_path)) else []
+        notes.append(not_logged_words(logs.not_logged, logs.not_logged_starts))
+    notes += [words] if (words := cut_words(raw_path)) else []
     notes += [ASSUMED] * assumed
     next_steps = (command_line("check", out), command_line("fit", out))
     log = out / own[0].name

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import contextlib
 import ipaddress
-import re
 import subprocess
 import sys
 import tempfile
@@ -48,6 +47,7 @@ def page_address(text: str) -> tuple[str, int]:
 
 LOOPBACK = page_address("127.0.0.1:0")
 SHORTEST_CLOSURE_S = 5.0
+MOST_TURNS = 40  #: of a session whose numbers do not all reach their targets
 
 
 @dataclass(frozen=True)
@@ -105,7 +105,7 @@ class Recording(Command, Stream):
         raise NotImplementedError
 
     def coach(self, machine: Any) -> Callable[[Progress], Advice] | None:
-        """Return who says which turn comes next; None without one."""
+        """Return what recommends the next turn; None without a coach."""
         return None
 
     def next(self, folder: Path) -> tuple[str, ...]:
@@ -123,10 +123,9 @@ class Recording(Command, Stream):
 class Turning(Recording):
     """Options of a recording of turns."""
 
-    segments: int = option(40, "to be accepted", least=1)
-    stop_at_target: bool = option(False, "stop as soon as every parameter has reached its target sigma")
+    segments: int | None = option(None, f"make so many turns (as many as all numbers need, {MOST_TURNS} at most)", least=1)
     closure: float = option(0.0, "then lead through a closure run with S seconds of turning (60)", unit="s", least=0, most=3600, alone=60.0)
-    coached: bool = option(True, "say which turn is wanted", off="any turn will do", flags=("--no-coach",), rare=True)
+    coached: bool = option(True, "recommend each turn", off="any turn will do", flags=("--no-coach",), rare=True)
     view: Any = option(
         None,
         "show a page in a browser: the board, where it is wanted, what to do (this computer alone; or HOST:PORT to listen on)",
@@ -140,11 +139,16 @@ class Turning(Recording):
         super().__post_init__()
         self.expect(not 0 < self.closure < SHORTEST_CLOSURE_S, "closure", f"a number from {SHORTEST_CLOSURE_S:g} to 3600 s")
 
+    @property
+    def plan(self) -> tuple[int, bool]:
+        """How many turns at most, and whether to stop as soon as every number is good enough."""
+        return self.segments or MOST_TURNS, self.segments is None and self.coached
+
     def guide(self, machine: Any, protocol: Protocol) -> Guide:
         """Return the guide of the turns."""
         from session.bench.guide import Guide
 
-        return Guide(protocol, self.segments, self.stop_at_target, self.closure)
+        return Guide(protocol, *self.plan, self.closure)
 
     def coach(self, machine: Any) -> Callable[[Progress], Advice] | None:
         """Return the coach."""
@@ -196,34 +200,18 @@ def views(args: Recording, title: str, server: PageServer | None) -> Iterator[tu
 # The recorded data, in lines and as JSON.
 
 MOST_NAMED = 3  #: most logs that are named
-NUMBERED = re.compile(r"(?P<stem>[a-z]+)(?P<number>[0-9]{4})\.csv")
 
 
 def so_far(guide: Guide, recorder: Recorder) -> str:
-    """Count segments, or the time of a rest, and files."""
+    """What is recorded, and its files."""
+    return f"{guide.so_far} ({recorder.raw.path.name}, {logs_of(recorder)})"
+
+
+def logs_of(recorder: Recorder) -> str:
+    """Name the logs, and count their samples."""
     names = [path.name for path in recorder.logs.paths] or ["no log yet"]
     logs = ", ".join(names) if len(names) <= MOST_NAMED else f"{names[0]} and {len(names) - 1} more"
-    return f"{counted(guide, recorder)} ({recorder.raw.path.name}, {logs})"
-
-
-def counted(guide: Guide, recorder: Recorder) -> str:
-    """Count segments, or the time of a rest, and samples."""
-    segments = f"{guide.accepted} of {guide.segments} segments" if guide.segments else guide.so_far
-    return f"{segments}, {recorder.samples} samples"
-
-
-def files_left(folder: Path) -> str:
-    """Name every file of the recording; of a row of numbered ones the first and the last."""
-    from session.base.names import has_recorded_name
-
-    names, rows = sorted(path.name for path in folder.iterdir() if has_recorded_name(path)), list[list[str]]()
-    for name in names:
-        before, this = NUMBERED.fullmatch(rows[-1][-1]) if rows else None, NUMBERED.fullmatch(name)
-        if before and this and before["stem"] == this["stem"] and int(before["number"]) + 1 == int(this["number"]):
-            rows[-1].append(name)
-        else:
-            rows.append([name])
-    return ", ".join(", ".join(row) if len(row) < 4 else f"{row[0]} to {row[-1]} ({len(row)} files)" for row in rows)
+    return f"{logs}, {recorder.samples} samples"
 
 
 def faults_of(guide: Guide) -> str:
@@ -235,23 +223,24 @@ def faults_of(guide: Guide) -> str:
 
 def left_out(recorder: Recorder) -> Iterator[str]:
     """Yield data that is in the raw bytes but in no log, or that may be wrong in one."""
-    from session.bench.frames import cannot_be_told
-    from session.bench.logwriter import said_not_logged
+    from session.bench.frames import damaged_words
+    from session.bench.logwriter import not_logged_words
 
     raw, logs = recorder.raw.path, recorder.logs
     if crc_errors := recorder.decoder.crc_errors:
-        yield f"{raw}: of {crc_errors} damaged frames {cannot_be_told(crc_errors)}"
+        yield f"{raw}: of {crc_errors} damaged frames {damaged_words(crc_errors)}"
     if recorder.undecoded:
         yield f"{raw}: {recorder.undecoded} bytes of it are in no log yet; record --resume goes on with them, or import {raw} --out DIR"
     if logs.not_logged:
-        yield f"{raw}: {said_not_logged(logs.not_logged, logs.not_logged_starts)}"
+        yield f"{raw}: {not_logged_words(logs.not_logged, logs.not_logged_starts)}"
 
 
 def missing(guide: Guide) -> str:
-    """Name the parameters above their target sigma, according to the coach."""
+    """Name the number that is furthest from good enough, according to the coach."""
     if guide.advice is None or not guide.advice.missing:
         return ""
-    return f"not yet at their target sigma: {'; '.join(guide.advice.missing[:4])}{'; …' if len(guide.advice.missing) > 4 else ''}"
+    worst, *others = guide.advice.missing
+    return f"Worst: {worst}{f' and {len(others)} more' if others else ''}."
 
 
 def table(guide: Guide, folder: Path, recorder: Recorder) -> dict:
@@ -311,44 +300,44 @@ def stay(server: PageServer, folder: Path, wanted: Callable[[], bool]) -> None:
     """Keep the page while a browser shows it, until an interruption; at once where no browser has opened it."""
     path, ready = folder / "report.html", False
 
-    def say(report: str, words: str) -> None:
+    def publish(report: str, words: str) -> None:
         server.publish("end", {"words": printable(words), "command": command_line("report", folder), "report": report})
 
     server.report = lambda: path.read_bytes() if ready and path.is_file() else None
-    say("offered", "The files are closed.")
+    publish("offered", "The files are closed.")
     if not server.visited:
         return
     print("the page stays while it is looked at, and can make the report; Ctrl-C ends it", file=sys.stderr, flush=True)
     seen_s = time.monotonic()
     while not wanted() and time.monotonic() - seen_s < GONE_S:  # a reload, or a sleeping phone
         if server.wishes.report.is_set():
-            problem = _made(folder, wanted, lambda words: say("making", words))
+            problem = _made(folder, wanted, lambda words: publish("making", words))
             ready = not problem and path.is_file()
-            say(*(("ready", f"The report is {path}.") if ready else ("failed", f"No report: {problem}.")))
+            publish(*(("ready", f"The report is {path}.") if ready else ("failed", f"No report: {problem}.")))
             server.wishes.report.clear()
         if server.clients:
             seen_s = time.monotonic()
         time.sleep(LOOK_EVERY_S)
 
 
-def _made(folder: Path, wanted: Callable[[], bool], say: Told) -> str:
-    """Make the report in a process of its own, saying how long it takes; return why there is none, or nothing."""
+def _made(folder: Path, wanted: Callable[[], bool], show: Told) -> str:
+    """Make the report in a process of its own, with the time that it takes; return why there is none, or nothing."""
     began_s = time.monotonic()
     command = [sys.executable, str(CALIBRATE), "report", str(folder.resolve()), "--quiet"]  # no name that looks like an option
-    with tempfile.TemporaryFile() as said:
-        with subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=said) as making:
+    with tempfile.TemporaryFile() as errors:
+        with subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=errors) as making:
             try:
                 while making.poll() is None and not wanted():
-                    say(f"The report is being made: {time.monotonic() - began_s:.0f} s so far, up to some minutes in all.")
+                    show(f"The report is being made: {time.monotonic() - began_s:.0f} s so far, up to some minutes in all.")
                     time.sleep(LOOK_EVERY_S)
             finally:
                 making.terminate()
-        return "" if making.returncode in MADE else _last_line(said) or f"exit code {making.returncode}"
+        return "" if making.returncode in MADE else _last_line(errors) or f"exit code {making.returncode}"
 
 
-def _last_line(said: IO[bytes]) -> str:
-    said.seek(0)
-    lines = said.read().decode("utf-8", "replace").strip().splitlines()
+def _last_line(errors: IO[bytes]) -> str:
+    errors.seek(0)
+    lines = errors.read().decode("utf-8", "replace").strip().splitlines()
     return lines[-1] if lines else ""
 
 

@@ -18,9 +18,10 @@ from session.base.numeric import sigmas_in
 from session.base.rotation import unit_vectors
 from session.base.units import DEG, DEG_PER_HOUR, MG, G
 from session.bench.messages import AcceptedTurn, Advice, Progress, RequestedTurn
-from session.detect.accelerometer import force_of
+from session.detect.accelerometer import force_of, units
 from tinygc.closure import residual
 from tinygc.closure.floor import BiasWander, Floor, gyro_variance, still_tilt_variance
+from tinygc.closure.joint import GIVEN_SIGMA_MG, GRAVITY_SIGMA_MPS2
 from tinygc.closure.residual import Batch
 from tinygc.closure.uncertainty import covariance_from_columns
 from tinygc.estimation.accelerometer import JOINT_NAMES
@@ -54,7 +55,7 @@ ZERO_MOVED_RPS = 0.05 * DEG
 
 @dataclass(frozen=True, eq=False)
 class _Seen:
-    """A segment: the force at its ends from which its columns were computed, columns (2, 12 or 21), noise (2, 2), its middle."""
+    """A segment: the force at its ends from which its columns were computed, columns (2, 21), noise (2, 2), its middle."""
 
     turn: AcceptedTurn
     ends: np.ndarray
@@ -90,7 +91,8 @@ class Coach:
         self._gyro_targets, self._machine = targets, machine
         self._seen: dict[int, _Seen] = {}
         self._progress = Progress(())
-        self._own: OwnAccelerometer | None = None
+        self._accelerometer = as_known(None, ())
+        self._own: OwnAccelerometer | None = None  # where the session calibrates its accelerometer
         self._zero_rps = np.zeros(3)  # of a machine's session: what the gyroscope reads at rest, which its scales multiply
         self._columns: dict[bytes, np.ndarray] = {}  # of a machine's turns, by where they begin and what they are
         self._turns: dict[int, tuple[list[Turn], bytes]] = {}  # the key of each list of turns, by its identity
@@ -100,7 +102,7 @@ class Coach:
         self.look(progress)
         sigma = self.sigma
         worst = np.argsort(-sigma)
-        missing = tuple(_said(i, sigma[i]) for i in worst if sigma[i] > 1)
+        missing = tuple(_described(i, sigma[i]) for i in worst if sigma[i] > 1)
         if missing and not (sigma[~self._stuck] > 1).any():
             never = ", ".join(parameter_name(i) for i in worst if sigma[i] > 1)
             reason = f"all that this table can show has reached its target, or changes no more; it cannot show {never}"
@@ -112,7 +114,7 @@ class Coach:
         # The board lies as in the last still, which need not be the end of an accepted turn.
         lies = progress.stills[-1] if progress.stills else progress.turns[-1].segment.stills[1]
         turn = self.best_turn(lies.accel_mean)
-        reason = f"it helps the {_said(worst[0], sigma[worst[0]])}"
+        reason = f"it helps the {_described(worst[0], sigma[worst[0]])}"
         moves = tuple(RequestedTurn(_vector(part.axis), part.angle_rad, words) for part, words in zip(turn.parts, turn.steps, strict=True))
         return Advice(turn.words, reason, False, missing, moves, _named(sigma), _vector(turn.up), turn.moves)
 
@@ -128,21 +130,22 @@ class Coach:
         """Choose turn after turn of the machine, before any was made; own: whether the accelerometer is not calibrated.  It ends
         where every target is met."""
         alone = Coach(self._gyro_targets, machine=self._machine)
-        alone._own, alone._zero_rps = as_known(None, ()) if own else None, self._zero_rps
-        prior = np.concatenate([linear.PRIOR_SIGMA, accel.PRIOR_SIGMA]) if own else linear.PRIOR_SIGMA
-        information, force, angles = np.diag((alone.targets / prior) ** 2), np.array([0.0, 0.0, -G]), None
+        alone._own, alone._zero_rps = alone._accelerometer if own else None, self._zero_rps
+        prior = np.concatenate([linear.PRIOR_SIGMA, alone._accelerometer_prior])
+        information, force, angles = np.diag((alone._units / prior) ** 2), np.array([0.0, 0.0, -G]), None
         turns, sigmas = list[Turn](), list[np.ndarray]()
         while len(turns) < most and not (sigmas and sigmas[-1].max() <= 1):
             turn, rows = alone._best(information, force, angles)
             information, force, angles = information + rows.T @ rows, turn.carries(force), turn.angles
             turns.append(turn)
-            sigmas.append(sigmas_in(np.linalg.inv(information)))
+            sigmas.append(sigmas_in(np.linalg.inv(information))[: len(alone.targets)])
         return Rehearsal(tuple(turns), tuple(sigmas))
 
     def look(self, progress: Progress) -> None:
         """Update the columns from the session so far."""
         self._progress = progress
-        self._own = as_known(progress.accelerometer, progress.stills) if progress.own else None
+        self._accelerometer = as_known(progress.accelerometer, progress.stills)
+        self._own = self._accelerometer if progress.own else None
         if self._machine is not None and progress.turns:
             zero_rps = progress.turns[-1].segment.stills[1].gyro_mean
             if np.abs(zero_rps - self._zero_rps).max() > ZERO_MOVED_RPS:
@@ -157,11 +160,23 @@ class Coach:
     @property
     def targets(self) -> np.ndarray:
         """Targets (12,), or (21,) where the session also calibrates its accelerometer."""
-        return self._gyro_targets if self._own is None else np.concatenate([self._gyro_targets, accel.TARGETS])
+        return self._gyro_targets if self._own is None else self._units
+
+    @property
+    def _units(self) -> np.ndarray:
+        """(21,) in which the parameters of both sensors are computed: their targets."""
+        return np.concatenate([self._gyro_targets, accel.TARGETS])
+
+    @property
+    def _accelerometer_prior(self) -> np.ndarray:
+        """(9,) sigma of the accelerometer's parameters before the session."""
+        given_mps2 = (self._progress.given_sigma_mg or GIVEN_SIGMA_MG) * MG
+        return given_mps2 * units(G) if self._own is None else accel.PRIOR_SIGMA
 
     @property
     def covariance(self) -> np.ndarray:
-        """Covariance (P, P) as the sum of ``uncertainty.covariance_parts``, without errors shared by neighbours and the Earth's heading."""
+        """Covariance (21, 21) of both sensors, the accelerometer within its prior, as the sum of ``uncertainty.covariance_parts``, without
+        errors shared by neighbours and the Earth's heading."""
         return self._covariance_of(len(self._seen))
 
     def _covariance_of(self, count: int) -> np.ndarray:
@@ -171,12 +186,12 @@ class Coach:
         floor = Floor(own, np.zeros((len(own) - 1, 2, 2)))
         middle_s = np.array([each.turn.middle_s for each in seen])
         design, wander = np.array([each.columns for each in seen]), BiasWander(middle_s, PLANNED_INSTABILITY_RPS)
-        if self._own is None:
-            return covariance_from_columns(design, floor, wander)
+        gravity_mps2 = GRAVITY_SIGMA_MPS2 if self._own is None else 0.0  # a given calibration has a scale of its own
         lengths = np.zeros((design.shape[-1],) * 2)
         if self._progress.stills:
-            lengths[linear.PARAMETERS :, linear.PARAMETERS :] = length_information(self._own, self._progress.stills, seen[-1].turn.noise)
-        return covariance_from_columns(design, floor, wander, accel.PRIOR_SIGMA, lengths)
+            of_stills = length_information(self._accelerometer, self._progress.stills, seen[-1].turn.noise, gravity_mps2)
+            lengths[linear.PARAMETERS :, linear.PARAMETERS :] = of_stills
+        return covariance_from_columns(design, floor, wander, self._accelerometer_prior, lengths)
 
     @property
     def sigma(self) -> np.ndarray:
@@ -184,15 +199,15 @@ class Coach:
         return self._sigma_of(len(self._seen))
 
     def _sigma_of(self, count: int) -> np.ndarray:
-        return sigmas_in(self._covariance_of(count)) / self.targets
+        return sigmas_in(self._covariance_of(count))[: len(self.targets)] / self.targets
 
     def best_turn(self, measured: np.ndarray) -> Turn:
         """Return the best turn from where the accelerometer reads ``measured`` (3,) m/s^2."""
-        force = measured if self._own is None else self._own.accelerometer.correct(measured)
-        return self._best(np.linalg.inv(self.covariance / np.outer(self.targets, self.targets)), force, None)[0]
+        force = self._accelerometer.accelerometer.correct(measured)
+        return self._best(np.linalg.inv(self.covariance / np.outer(self._units, self._units)), force, None)[0]
 
     def _best(self, information: np.ndarray, force: np.ndarray, angles: np.ndarray | None) -> tuple[Turn, np.ndarray]:
-        """Return the best rated turn, and its rows (2 or 3, P), from where a session stands: information (P, P) in units of the targets;
+        """Return the best rated turn, and its rows (3, 21), from where a session stands: information (21, 21) in units of the targets;
         force (3,) m/s^2 and angles (K,) rad, None: the present ones.
 
         The gain of a turn is the logarithm of what it makes of the criterion, and counts by its time.
@@ -203,12 +218,12 @@ class Coach:
         else:
             turns = self._machine.turns_from(angles, most_rps)
             force = turns[0].up * np.linalg.norm(force)  # as the machine's angles have it: then the columns of a place are always the same
-        rows = self._rows(force, turns) * self.targets
+        rows = self._rows(force, turns) * self._units
         both = np.concatenate([information[None], information + rows.swapaxes(-1, -2) @ rows])  # without a turn, and with each
         covariance = np.linalg.inv(both)
         left = np.diagonal(covariance, axis1=-2, axis2=-1)
         # What no turn of a machine shows would keep it D-optimal for ever.
-        shown = np.flatnonzero(~self._stuck if (~self._stuck).any() else np.ones(len(information), dtype=bool))
+        shown = np.flatnonzero(~self._stuck if (~self._stuck).any() else np.ones(len(self.targets), dtype=bool))
         sigma = np.sqrt(left[0])
         unknown, sharpness = (UNKNOWN, SHARPNESS) if self._machine is None else (MACHINE_UNKNOWN, MACHINE_SHARPNESS)
         if sigma[shown].max() > unknown:
@@ -223,7 +238,7 @@ class Coach:
         return turns[best], rows[best]
 
     def _rows(self, force: np.ndarray, turns: list[Turn]) -> np.ndarray:
-        """Return rows (M, 2 or 3, P) of each turn over its noise: its two angles, and the length of gravity in the still after it."""
+        """Return rows (M, 3, 21) of each turn over its noise: its two angles, and the length of gravity in the still after it."""
         seen = list(self._seen.values())
         variance = float(np.mean([np.trace(each.own) / 2 for each in seen])) if seen else PLANNED_SIGMA_RAD**2
         angle: np.ndarray | float = np.sqrt(variance)
@@ -240,21 +255,18 @@ class Coach:
             if key not in self._columns:
                 self._columns[key] = columns(force, turns, self._zero_rps)
             gyro = self._columns[key] / angle
-        if self._own is None:
-            return gyro
         q_first, q_last = ends(force, turns)
         last = np.array([turn.carries(force) for turn in turns])
-        tilt = self._own.tilt_rows(np.broadcast_to(force, last.shape), last, q_first, q_last) / angle
+        tilt = self._accelerometer.tilt_rows(np.broadcast_to(force, last.shape), last, q_first, q_last) / angle
         white = float(np.mean(seen[-1].turn.noise.velocity_random_walk ** 2)) / STILL_S if seen else PLANNED_SIGMA_MPS2**2
-        length = self._own.length_rows(last)[:, None] / np.sqrt(white + self._own.sigma_mps2**2)
+        length = self._accelerometer.length_rows(last)[:, None] / np.sqrt(white + self._accelerometer.sigma_mps2**2)
         nothing = np.zeros((len(turns), 1, linear.PARAMETERS))
         return np.concatenate([np.concatenate([gyro, tilt], axis=-1), np.concatenate([nothing, length], axis=-1)], axis=1)
 
     def _directions(self, turn: AcceptedTurn) -> np.ndarray:
         """Return the directions (2, 3) of gravity at both ends, by the estimated accelerometer."""
         force = force_of(turn.segment.stills)
-        force = force if self._own is None else self._own.accelerometer.correct(force)
-        return unit_vectors(force)
+        return unit_vectors(self._accelerometer.accelerometer.correct(force))
 
     def _of(self, turn: AcceptedTurn) -> _Seen:
         """Return a segment's columns for its two angles and their noise."""
@@ -269,13 +281,12 @@ class Coach:
         own = gyro_variance(batch, attitudes, [turn.noise])[0, :2, :2]
         tilt = sum(still_tilt_variance(still, turn.noise) for still in (first, last))
         design = linear.columns(residual.sensitivity(batch, measured), measured)[0, :2]
+        lengths = np.array([still.gravity_mps2 for still in (first, last)])[:, None]
         if self._own is not None:
-            lengths = np.array([still.gravity_mps2 for still in (first, last)])[:, None]
             tilt += 2 * float(np.mean((self._own.sigma_mps2 / lengths) ** 2))
-            there = force * lengths
-            at_ends = self._own.tilt_rows(there[:1], there[1:], attitudes[:, 0], attitudes[:, -1])[0]
-            design = np.concatenate([design, at_ends], axis=1)
-        return _Seen(turn, force, design, own + tilt * np.eye(2))
+        there = force * lengths
+        at_ends = self._accelerometer.tilt_rows(there[:1], there[1:], attitudes[:, 0], attitudes[:, -1])[0]
+        return _Seen(turn, force, np.concatenate([design, at_ends], axis=1), own + tilt * np.eye(2))
 
 
 def _stalled(before: np.ndarray, sigma: np.ndarray, count: int) -> np.ndarray:
@@ -289,7 +300,7 @@ def _vector(vector: np.ndarray) -> tuple[float, float, float]:
     return x, y, z
 
 
-def _said(parameter: int, sigma: float) -> str:
+def _described(parameter: int, sigma: float) -> str:
     """Describe a parameter and how far it is from its target."""
     far = "not seen in any turn yet" if sigma >= UNSEEN else f"{sigma:.1f} times its target"
     return f"{parameter_name(parameter)} ({far})"

@@ -99,12 +99,14 @@ def as_known(accelerometer: Accelerometer | None, stills: tuple[Still, ...]) -> 
     return OwnAccelerometer(accelerometer, miss)
 
 
-def length_information(own: OwnAccelerometer, stills: tuple[Still, ...], noise: Noise) -> np.ndarray:
-    """Return the information (9, 9) of gravity's length in the stills."""
+def length_information(own: OwnAccelerometer, stills: tuple[Still, ...], noise: Noise, gravity_sigma_mps2: float) -> np.ndarray:
+    """Return the information (9, 9) of gravity's length in the stills; gravity_sigma_mps2: of that length itself."""
     force = own.accelerometer.correct(force_of(stills))
     white = float(np.mean(noise.velocity_random_walk**2)) / np.array([still.duration_s for still in stills])
-    rows = own.length_rows(force) / np.sqrt(white + own.sigma_mps2**2)[:, None]
-    return rows.T @ rows
+    root = 1 / np.sqrt(white + own.sigma_mps2**2)
+    rows = own.length_rows(force) * root[:, None]
+    common = root @ rows * gravity_sigma_mps2  # a length that is not known is a further number, common to all stills
+    return rows.T @ rows - np.outer(common, common) / (1 + (root @ root) * gravity_sigma_mps2**2)
 
 
 # The turns that an operator can make from an attitude, and their columns of the linear sensitivity.
@@ -161,8 +163,8 @@ class Turn:
     @property
     def words(self) -> str:
         """Instructions for the operator."""
-        said = ", then at once ".join(part.words for part in self.parts)
-        return f"{self.straightened.words}turn {said} ({sum(part.seconds for part in self.parts):.0f} s)"
+        moves = ", then at once ".join(part.words for part in self.parts)
+        return f"{self.straightened.words}turn {moves} ({sum(part.seconds for part in self.parts):.0f} s)"
 
     @property
     def steps(self) -> tuple[str, ...]:
@@ -187,15 +189,15 @@ def turns_from(accel: np.ndarray, singles_deg: tuple[int, ...] = QUARTERS, most_
     straightened = TurnPart(axis, angle, STRAIGHT_S, words, up)
     together = [pair for pair in product([degrees for degrees in singles_deg if degrees < 300], repeat=2) if sum(pair) <= MOST_DEG]
 
-    def lasts(degrees: int, least_s: float) -> float:
+    def duration_s(degrees: int, least_s: float) -> float:
         return max(least_s, PEAK * degrees * DEG / most_rps)
 
-    singles = [Turn(straightened, (part,)) for degrees in singles_deg for part in parts_from(up, degrees, lasts(degrees, SINGLE_S))]
+    singles = [Turn(straightened, (part,)) for degrees in singles_deg for part in parts_from(up, degrees, duration_s(degrees, SINGLE_S))]
     pairs = [
         Turn(straightened, (first, second))
         for one, other in together
-        for first in parts_from(up, one, lasts(one + other, PAIR_S) * one / (one + other))
-        for second in parts_from(first.up, other, lasts(one + other, PAIR_S) * other / (one + other), "its")
+        for first in parts_from(up, one, duration_s(one + other, PAIR_S) * one / (one + other))
+        for second in parts_from(first.up, other, duration_s(one + other, PAIR_S) * other / (one + other), "its")
         if abs(first.axis @ second.axis) < LEVEL  # about the same axis it would be one turn
     ]
     return singles + pairs

@@ -100,8 +100,10 @@ def closure_deg(turn: AcceptedTurn) -> float:
 MOST_STILLS = 200  #: on the sphere: the last of them
 
 
-def state_of(guide: Guide, still: np.ndarray, said: Collection[tuple[int, str, float, str]], closure_deg: float | None) -> dict[str, Any]:
-    """The ``state`` event.  still: attitude in the last accepted still, where the requested movement begins; said: the last messages."""
+def state_of(
+    guide: Guide, still: np.ndarray, messages: Collection[tuple[int, str, float, str]], closure_deg: float | None
+) -> dict[str, Any]:
+    """The ``state`` event.  still: attitude in the last accepted still, where the requested movement begins; messages: the last ones."""
     now, health, wait = guide.instruction, guide.health, guide.wait
     forces = [guide.taken.corrected(each.accel_mean) for each in guide.taken.stills[-MOST_STILLS:]]
     sigmas = guide.advice.sigmas if guide.advice is not None else ()
@@ -109,7 +111,7 @@ def state_of(guide: Guide, still: np.ndarray, said: Collection[tuple[int, str, f
     return {
         "stage": now.stage.value,
         "do": printable(now.do),
-        "why": printable(now.why if target else now.says),
+        "why": printable(now.why if target else now.reason),
         "good": now.good,
         "remaining_s": now.remaining_s,
         "part": now.part,
@@ -129,13 +131,15 @@ def state_of(guide: Guide, still: np.ndarray, said: Collection[tuple[int, str, f
         "odr_hz": None if health.odr_hz is None else round(health.odr_hz, 2),
         "samples": health.samples,
         "lost": health.troubles["lost"],
-        "said": [{"number": number, "kind": kind, "at_s": round(at_s, 1), "text": printable(text)} for number, kind, at_s, text in said],
+        "messages": [
+            {"number": number, "kind": kind, "at_s": round(at_s, 1), "text": printable(text)} for number, kind, at_s, text in messages
+        ],
     }
 
 
 def _target(guide: Guide, still: np.ndarray) -> dict[str, Any] | None:
     """The requested attitude, and the rotations to it, each about an axis of the frame with z up."""
-    advice = guide.asked
+    advice = guide.requested
     if guide.stage is not Stage.TURN or advice is None or not advice.movements:
         return None
     q, turns = still if advice.up is None else levelled(still, np.array(advice.up)), []
@@ -161,7 +165,7 @@ class PageView:
     def __init__(self, screen: View, server: PageServer):
         self._screen, self._server = screen, server
         self._attitude, self._still, self._stills = Attitude(), NONE, 0
-        self._said: deque[tuple[int, str, float, str]] = deque(maxlen=REMEMBERED)
+        self._recent: deque[tuple[int, str, float, str]] = deque(maxlen=REMEMBERED)
         self._numbers, self._sent_s = 0, 0.0
         self._unseen: list[Samples] = []
         self._last_turn: AcceptedTurn | None = None
@@ -175,7 +179,7 @@ class PageView:
             self._last_turn = turn
         if change.kind is not Kind.STAGE:
             self._numbers += 1
-            self._said.append((self._numbers, change.kind.value, change.at_s, change.text))
+            self._recent.append((self._numbers, change.kind.value, change.at_s, change.text))
 
     def show(self, guide: Guide) -> None:
         """Draw the present state."""
@@ -185,7 +189,7 @@ class PageView:
     def _publish_state(self, guide: Guide) -> None:
         if self._last_turn is not None:
             self._closure_deg, self._last_turn = closure_deg(self._last_turn), None
-        self._server.publish("state", state_of(guide, self._still, self._said, self._closure_deg))
+        self._server.publish("state", state_of(guide, self._still, self._recent, self._closure_deg))
 
     def watch(self, guide: Guide, samples: Samples) -> None:
         """Take samples after the guide.  Many are processed at once, at a tenth of the cost of single portions."""

@@ -103,13 +103,13 @@ def test_a_table_at_a_port(run, table):
 @pytest.mark.parametrize(
     "given",
     [
-        "table record --table t.toml --home --stop-at-target --segments 12 --closure 30 --table-port p",
+        "table record --table t.toml --home --segments 12 --closure 30 --table-port p",
         "noise record --hours 2 --stop-at-target --known-to 10",
         "rates record --table t.toml --rates 10,20 --dwell 5 --axis inner",
     ],
 )
 def test_the_printed_command_goes_on_with_what_was_asked(given):
-    """Without --stop-at-target a machine would go on to the last of its segments."""
+    """With its segments too, in whose place a machine would stop at its targets."""
     words = joined([*given.split(), "--out", "s", "--port", "p"])
     options = options_of(parser(words).parse_args(words))
     again = shlex.split(options.again(Path("s"), "p"))

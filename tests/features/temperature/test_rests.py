@@ -1,6 +1,7 @@
 """Rest logs as files: block means, what was mended, knocks, the first look, the refusals."""
 
 import gzip
+import json
 from types import SimpleNamespace
 
 import numpy as np
@@ -15,7 +16,8 @@ from session.log.rests import read_rest, rest_from_samples
 from session.log.samples import Samples
 from tinygc import SimulationOptions, read_session
 from tinygc.features.temperature.feature import RestOptions
-from tinygc.features.temperature.rest_simulation import simulate_rest
+from tinygc.features.temperature.rest_simulation import simulate_rest, write_rest
+from tinygc.simulation.simulator import unit_of
 
 #: slow enough that a test of hours costs little
 CHIP = SimpleNamespace(**vars(SimulationOptions()) | {"odr_hz": 13.0})
@@ -118,3 +120,18 @@ def test_a_sensor_that_is_put_down_otherwise_is_said():
     log = rest_from_samples(samples.with_accel(tilted))
     assert any(f.what == "attitude" and "tilts by" in f.says for f in check_rest(log))
     assert not any(f.what == "attitude" for f in check_rest(rest_from_samples(samples)))
+
+
+def test_a_simulated_rest_is_of_the_unit_whose_sessions_have_its_seed(tmp_path):
+    """At rest it reads what that unit reads, whatever the seed of its noise; without a unit's seed, the zero of the options."""
+    steady = RestOptions(cycles=1.0, cycle_s=20.0, slope_dps_per_c=0.0, bend_dps_per_c2=0.0)
+    for seed, unit_seed in ((1, 7), (2, 7), (1, -1)):
+        options = SimulationOptions(odr_hz=62.5, seed=seed, unit_seed=unit_seed, bias_instability_dph=0.0)
+        folder, unit = tmp_path / f"{seed}{unit_seed}", unit_of(options)
+        log = read_rest(write_rest(steady, options, folder) / "rest0001.csv.gz", SENSOR)
+        of_unit = -np.linalg.solve(unit.E, unit.B), unit.measured_force(np.array([0.0, 0.0, -9.80665]))
+        zero, force = of_unit if unit_seed >= 0 else (np.deg2rad(steady.zero_dps), [0.0, 0.0, -9.80665])
+        np.testing.assert_allclose(log.gyro.mean(axis=0), zero, atol=5e-5)
+        np.testing.assert_allclose(log.accel.mean(axis=0), force, atol=2e-3)
+        truth = json.loads((folder / "truth.json").read_text())["rest"]["zero_dps"]
+        np.testing.assert_allclose(np.deg2rad(truth), zero, atol=1e-12)

@@ -13,10 +13,9 @@ from tinygc.cli.defaults import defaults_json
 from tinygc.cli.recording import (
     Recording,
     Turning,
-    counted,
     faults_of,
-    files_left,
     left_out,
+    logs_of,
     missing,
     page_server,
     so_far,
@@ -34,10 +33,9 @@ if TYPE_CHECKING:
     from session.bench.session_file import SessionFile
     from session.log.config import Config
 
-EPILOG = """keys, where standard input is a terminal: p pauses (what comes is kept, and not used) and goes on; d drops the last turn
-(its segment is left out, its data stay); n begins a note, Enter keeps it in session.toml; in the closure run d begins the run again,
-and Enter says that the table stands on its index mark; in a rest f ends it; s stops a machine
-at once.  Where standard input is no terminal there are no keys."""
+EPILOG = """keys: p pauses and goes on (data are kept); d drops the last turn (its data stay); n begins a note, and Enter keeps it in
+session.toml; f finishes, once every number is good enough, or a rest; in a closure run d begins it again, and Enter confirms the index
+mark; s stops a machine at once."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +58,7 @@ def run(args: Recording) -> int:
             announce = True
             while (led := _led(args, folder, port, machine, wanted, page, announce)) is None:
                 announce = False  # the recording began again, without the bytes of another board
-        interrupted = _tell(args, folder, port, machine, *led)
+        interrupted = _report(args, folder, port, machine, *led)
         if page is not None:
             _end_page(page, args, folder, port, interrupted)
     return 130 if interrupted else 0
@@ -87,44 +85,45 @@ def _end_page(page: PageServer, args: Recording, folder: Path, port: str, interr
     from tinygc.cli.recording import stay
 
     if interrupted:
-        words, command = "interrupted; everything received is kept. To go on:", args.again(folder, port)
+        words, command = "Interrupted: everything received is kept. To go on:", args.again(folder, port)
         page.publish("end", {"words": words, "command": command, "report": "none"})
         return
     with Interruption() as wanted:
         stay(page, folder, wanted)
 
 
-def _tell(
+def _report(
     args: Recording, folder: Path, port: str, machine: Any, guide: Guide, recorder: Recorder, session_file: SessionFile, interrupted: bool
 ) -> bool:
-    """Report what was recorded; return interrupted."""
+    """Print what was recorded, the result first; return interrupted."""
+    from session.bench.rest_guide import in_words
     from session.bench.session_file import ASSUMED
 
     console = output(args)
-    console.print(f"{folder}: {so_far(guide, recorder)}")
-    console.print(f"files: {files_left(folder)}")
-    console.print(f"faults of the board: {faults_of(guide) or 'none'}")
+    took = f" in {in_words(guide.now_s)}" if guide.segments else ""
+    ended = f"Interrupted: {guide.so_far}; everything received is kept." if interrupted else f"{guide.outcome.capitalize()}{took}."
+    console.print(ended)
+    if words := missing(guide):
+        console.print(words)
+    console.print(f"{folder}: {logs_of(recorder)}")
+    if words := faults_of(guide):
+        console.print(f"Faults: {words}.")
     for path in recorder.logs.put_aside:
-        console.print(f"{path}: what was there differed from {recorder.raw.path.name}; the log was made again")
+        console.print(f"{path}: differed from {recorder.raw.path.name} and was written again")
     for line in left_out(recorder):
         console.print(line)
     for path in recorder.logs.paths:
         if not path.exists():
-            console.print(f"{path}: was removed meanwhile; --resume makes it again of {recorder.raw.path.name}")
+            console.print(f"{path}: was removed; --resume writes it again from {recorder.raw.path.name}")
     if guide.taken.own is not None and guide.stem != "rest":
-        console.print(f"accelerometer, of which session.toml says nothing: {guide.taken.own.words}")
+        console.print(f"Accelerometer: {guide.taken.own.words}")
     if words := session_file.measured(recorder.clock.measured):
         console.print(words)
     if session_file.assumed:
         console.print(ASSUMED)
     if machine is not None and (words := machine.finish(folder, recorder.logs.renamed)):
         console.print(words)
-    if words := missing(guide):
-        console.print(words)
-    if interrupted:
-        complain("interrupted; everything received is kept. To go on:")
-        print(f"  {args.again(folder, port)}", file=sys.stderr, flush=True)
-    elif commands := args.next(folder):
+    if commands := (args.again(folder, port),) if interrupted else args.next(folder):
         print_commands(args, "next:", *commands)
     write_json(args.json, table(guide, folder, recorder) | defaults_json(args))
     return interrupted
@@ -145,12 +144,12 @@ def _led(
     site = Site(args.latitude_deg, args.gravity_mps2)
     session_file = SessionFile(folder, args.like, args.odr_hz, args.gyro_fs_dps, args.accel_fs_g, args.sensor, dict(args.note), site)
     if announce and args.TURNS:
-        _say_what_was_asked(args, folder)
+        _print_request(args, folder)
     recorder = Recorder(folder, port, args.baud, args.header, session_file.wanted())
     if recorder.raw.cut:
         print(recorder.raw.cut, file=sys.stderr)
-    if recorder.setting.said and not args.quiet:
-        print(f"the board was set: {', '.join(recorder.setting.said)}", file=sys.stderr)
+    if recorder.setting.applied and not args.quiet:
+        print(f"the board was set: {', '.join(recorder.setting.applied)}", file=sys.stderr)
     guide = args.guide(machine, session_file.protocol)
     failed, problem, guided, interrupted = None, None, None, False
     try:
@@ -178,7 +177,8 @@ def _led(
     if (wrong := failed or problem) is not None:
         if guided is None:  # refused before what the folder holds was taken in: there is nothing to count yet
             raise wrong
-        counts = counted(guide, recorder) if isinstance(wrong, OtherSensor) else so_far(guide, recorder)  # it names its files itself
+        own = isinstance(wrong, OtherSensor)  # which names its files itself
+        counts = f"{guide.so_far}, {recorder.samples} samples" if own else so_far(guide, recorder)
         raise type(wrong)(f"{wrong}; kept in {folder}: {counts}") from None
     return guide, recorder, session_file, interrupted
 
@@ -216,7 +216,7 @@ def _require_place(folder: Path, resume: bool) -> None:
         raise FormatError(f"{folder}: holds {logs[0].name}; give another --out")
 
 
-def _say_what_was_asked(args: Recording, folder: Path) -> None:
+def _print_request(args: Recording, folder: Path) -> None:
     """Print what `explain` recommends for this sensor: in the resumed session, or in the one given by ``--like``."""
     from session.base.errors import FormatError
     from tinygc.planning.proposals import requested_by_explain

@@ -59,5 +59,5 @@ class Options(Turning, Machine):
         from tinygc.features.tables.recording import is_raw
 
         with opened(self, folder, port) as machine:
-            machine.confirmed(is_raw(folder, self.like), self.segments, self.stop_at_target, self.closure, self.yes, self.quiet)
+            machine.confirmed(is_raw(folder, self.like), *self.plan, self.closure, self.yes, self.quiet)
             yield machine

@@ -108,10 +108,10 @@ class RatesGuide(Guide):
     def step_made(self, step: RateStep) -> list[GuideMessage]:
         """A step is recorded; the last one ends the recording."""
         self.made += 1
-        self._say(Kind.ACCEPTED, f"step {self.made} of {self.steps}: {step.rate_rps / DEG:+g} dps for {step.dwell_s:g} s")
+        self._announce(Kind.ACCEPTED, f"step {self.made} of {self.steps}: {step.rate_rps / DEG:+g} dps for {step.dwell_s:g} s")
         if self.made >= self.steps:
-            self._finish(self.so_far)
-        return self._told()
+            self._finish()
+        return self._take_messages()
 
     def _block(self, samples: Samples) -> None:
         self.here.take(samples, remember=False)

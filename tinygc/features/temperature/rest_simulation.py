@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -65,7 +65,9 @@ def simulate_rest(options: RestOptions, sensor: SimulationOptions, seed: int = 0
     noise = white(sensor.gyro_noise_dps_rthz, sensor.odr_hz, count, rng) * louder[:, None]
     flicker = Flicker(sensor.bias_instability_dph * DEG_PER_HOUR / DEG, count / sensor.odr_hz, rng)(np.arange(count) / sensor.odr_hz)
     gyro_dps = np.array(options.zero_dps) + follows[:, None] * sign + walk + noise + flicker
-    accel_g = np.array([0.0, 0.0, -1.0]) + white(sensor.accel_noise_ug_rthz * 1e-6, sensor.odr_hz, count, rng)
+    down_g = np.array([0.0, 0.0, -1.0])
+    force_g = down_g if sensor.unit_seed < 0 else unit_of(sensor).measured_force(down_g * G) / G
+    accel_g = force_g + white(sensor.accel_noise_ug_rthz * 1e-6, sensor.odr_hz, count, rng)
     knock_s = np.sort(rng.uniform(0.05, 0.95, options.knocks)) * t_s[-1]
     for moment in knock_s:
         here = (t_s >= moment) & (t_s < moment + max(0.1, 2 * dt_s))
@@ -108,12 +110,16 @@ def write_rest(options: RestOptions, session: SimulationOptions, folder: Path, f
         raise CalibrationError(
             f"--sensor is {session.sensor!r}, expected {DEFAULT}: the registers of a rest log are simulated for it alone"
         )
+    unit = unit_of(session)
+    given = f"--rest-cycles {options.cycles:g} --seed {session.seed}"
+    if session.unit_seed >= 0:  # the unit whose sessions have this seed, with its zero
+        options = replace(options, zero_dps=tuple((-np.linalg.solve(unit.E, unit.B) / DEG).tolist()))
+        given += f" --unit-seed {session.unit_seed}"
     log, knock_s = simulate_rest(options, session, session.seed)
     truth = {"schema": TRUTH_SCHEMA, "effects": {}, "rest": asdict(options) | {"knock_s": knock_s.tolist()}}
-    given = f"--rest-cycles {options.cycles:g} --seed {session.seed}"
     head = f"{SIMULATED}, not recorded: calibrate.py simulate {given} and what truth.json holds besides\n"
     with folder_whole(folder, earlier_in(folder)) as work:
-        write_new(work / CONFIG, head + toml_text(config_of(session, unit_of(session), calibrated=False)))
+        write_new(work / CONFIG, head + toml_text(config_of(session, unit, calibrated=False)))
         write_log(work / REST, session, session.odr_hz, log)
         write_new(work / TRUTH, json.dumps(truth, indent=1) + "\n")
     return folder

@@ -33,14 +33,14 @@ function empty() {
   return item;
 }
 
-export function showSaid(said) {
-  const last = said.at(-1)?.number ?? 0;
-  if (sounded !== null) said.filter(({ number }) => number > sounded).forEach(({ kind }) => play(kind));
+export function showMessages(messages) {
+  const last = messages.at(-1)?.number ?? 0;
+  if (sounded !== null) messages.filter(({ number }) => number > sounded).forEach(({ kind }) => play(kind));
   sounded = last;
-  const shown = JSON.stringify(said);
+  const shown = JSON.stringify(messages);
   if (shown === saidShown) return;
   saidShown = shown;
-  part("said").replaceChildren(...said.slice(-3).reverse().map(({ at_s, text, kind }) => {
+  part("messages").replaceChildren(...messages.slice(-3).reverse().map(({ at_s, text, kind }) => {
     const item = document.createElement("li");
     item.append(made(MARKS[kind] ?? "", "mark"), made(`${at_s.toFixed(1)} s`, "at"), made(text));
     return item;

@@ -2,7 +2,7 @@
 
 import { drawBoard, turnTheView } from "./board.js";
 import { forgetColours } from "./canvas.js";
-import { showEnd, showSaid, showSigmas } from "./lists.js";
+import { showEnd, showMessages, showSigmas } from "./lists.js";
 import { goalOf, toGo } from "./path.js";
 import { follow } from "./stream.js";
 import { soundButton, soundIsOn } from "./sound.js";
@@ -13,7 +13,7 @@ import { part, share, write } from "./writing.js";
 
 const FAST = 85, LONG = 72, THERE_DEG = 12, ROUND_MS = 3600, GOES = 0.6, FRAME_MS = 33;
 const quiet = matchMedia("(prefers-reduced-motion: reduce)");
-let pose = null, state = null, end = null, asked = false, drawn = 0;
+let pose = null, state = null, end = null, requested = false, drawn = 0;
 
 function showPose() {
   const of = 100 * pose.peak_dps / pose.full_scale_dps;
@@ -36,7 +36,7 @@ function showBar(goal, left, there) {
 const stepOf = goal => (goal && goal.total > 1 && goal.turn.words ? `${goal.number + 1} of ${goal.total}: ${goal.turn.words}` : state.do);
 
 function showState(goal, left, there) {
-  const broken = end?.report === "none";  // nothing is asked for any more: what came last is no instruction
+  const broken = end?.report === "none";  // nothing is requested any more: what came last is no instruction
   if (broken) state = { ...state, stage: "ended", do: "the recording has ended", why: "", target: null, part: null, remaining_s: null, good: true };
   const unplugged = !state.connected && state.samples > 0;
   document.body.className = [state.good ? "" : "bad", state.stage === "done" ? `over ${state.good ? "done" : ""}` : "", unplugged ? "unplugged" : ""].join(" ");
@@ -51,7 +51,7 @@ function showState(goal, left, there) {
   write("closure", state.closure_deg === null ? "–" : `${state.closure_deg.toFixed(2)}°`);
   write("stills", `${facesOf(state.up).length} of 6 faces, ${state.up.length} rests`);
   showSigmas(state.sigmas);
-  showSaid(state.said);
+  showMessages(state.messages);
   const warm = state.temp_c === null ? "" : `; ${state.temp_c} °C${state.wait ? `: ${state.wait}` : ""}`;
   write("stream", `${state.odr_hz ?? "–"} Hz; ${state.samples} samples, ${state.lost} lost${warm}`);
   const over = end !== null || state.stage === "done";
@@ -69,7 +69,7 @@ function phaseOf(now) {
 }
 
 function draw(now) {
-  asked = false;
+  requested = false;
   const moves = Boolean(state?.target) && !state.moving && !quiet.matches;
   if (now - drawn >= FRAME_MS || !moves) {
     drawn = now;
@@ -85,8 +85,8 @@ function draw(now) {
 }
 
 function soon() {
-  if (asked) return;
-  asked = true;
+  if (requested) return;
+  requested = true;
   requestAnimationFrame(draw);
 }
 

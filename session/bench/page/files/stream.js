@@ -1,17 +1,17 @@
-// The recording's events.  Whatever cuts this page off (the recording's own end, a laptop that slept), it asks again until it is told
-// that there is nothing more.  A page that nobody sees gives its connection back when another one is opened: a browser has six for all its
+// The recording's events.  Whatever cuts this page off (the recording's own end, a laptop that slept), it connects again until it learns
+// that there is nothing more.  A hidden page gives its connection back when another one is opened: a browser has six for all its
 // tabs together.
 
 const SILENT_MS = 5000, AGAIN_MS = 1500;
 
 export function follow(takers, { lost, listens }) {
   const others = new BroadcastChannel("tinygc");
-  let events = null, heard = performance.now(), asked = 0;
+  let events = null, heard = performance.now(), requested = 0;
   const connect = () => {
     events?.close();
     events = new EventSource("events");
     others.postMessage("opened");
-    asked = performance.now();
+    requested = performance.now();
     for (const [name, take] of Object.entries(takers)) {
       events.addEventListener(name, event => {
         heard = performance.now();
@@ -33,7 +33,7 @@ export function follow(takers, { lost, listens }) {
     const now = performance.now();
     if (!events || now - heard < SILENT_MS) return;
     lost();
-    if (now - asked > AGAIN_MS + SILENT_MS * (events.readyState === EventSource.OPEN)) connect();
+    if (now - requested > AGAIN_MS + SILENT_MS * (events.readyState === EventSource.OPEN)) connect();
   }, 500);
   connect();
 }

@@ -477,7 +477,7 @@ class TableMover(MachineMover):
         if guide.stage is Stage.CLOSURE and guide.closure is not None:
             self._close_run(guide, guide.closure)
         elif guide.stage is Stage.TURN and not guide.turning:
-            advice = guide.asked
+            advice = guide.requested
             if self._made_s is not None and not self._waited(NO_TURN_S):
                 return  # its still has yet to come
             if self._made_s is not None:

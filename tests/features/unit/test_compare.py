@@ -78,7 +78,7 @@ def test_the_command_says_whether_they_agree_and_what_a_session_does_not_observe
     code, out, _ = run("history", monday, path, "--compare", "--json", tmp_path / "table.json")
     table = json.loads((tmp_path / "table.json").read_text())
     assert (code, table["agree"], table["sessions"]) == (0, True, ["monday", "flat"])
-    assert ("misalignments agree" in out, "E_xy" in out) == (True, True)
+    assert ("AGREE: scale factors, misalignments (p" in out, "E_xy" in out) == (True, True)
     fit.write_text("{")
     with pytest.raises(FormatError, match=r"fit\.json"):
         fitted_state(path)

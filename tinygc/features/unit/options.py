@@ -88,13 +88,13 @@ _day.__name__ = "date"
 
 @dataclass(frozen=True)
 class HistoryOptions(Record):
-    """What a history is asked for."""
+    """Which units, limits and day a history is for."""
 
     serial: str = option("", "only this unit, where there are several", metavar="TEXT", read=str, rare=True)
-    accuracy: str = option("", "until when the attitude after this time at rest is within this: 1deg/60s", metavar="DEG/S", read=str)
+    accuracy: str = option("", "until when the attitude error at rest stays within this: 1deg/60s", metavar="DEG/S", read=str)
     require: tuple[str, ...] = option(
         (),
-        "until when each of these numbers is within a limit of the last calibration: 'bias 50 mdps'; may be repeated",
+        "until when these numbers stay within a limit of the last calibration: 'bias 50 mdps'; may be repeated",
         metavar="LIMIT",
         read=str,
         repeated=True,

@@ -44,13 +44,13 @@ def run(args: Options) -> int:
         written = found.save(args.out, pictures=args.pictures)
         output(args).print(f"written: {', '.join(map(str, written))}")
     elif args.json is None:
-        output(args).print("nothing is written; --out DIR keeps history.json, history.html and history.svg")
+        output(args).print("next: --all shows every number; --out DIR keeps them, with pictures")
     write_json(args.json, found.to_json())
     return found.exit_code
 
 
 def _compare(args: Options) -> int:
-    """Say whether the calibrations of several sessions agree."""
+    """Compare the calibrations of several sessions."""
     args.refuse_beside("--compare", "compare", "bias")
     from tinygc.features.unit.history.comparison import compare, verdict_line
 

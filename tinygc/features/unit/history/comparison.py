@@ -10,7 +10,7 @@ import numpy as np
 
 from session.base.errors import CalibrationError
 from session.base.records import plain, table_of
-from session.base.texts import measured, probability
+from session.base.texts import measured, probability, significant
 from session.detect.accelerometer import NAMES as ACCELEROMETER_NAMES
 from session.detect.accelerometer import PARAMETERS
 from tinygc.deploy.calibration import in_frame_of
@@ -116,7 +116,7 @@ class Compared(Shown):
     def page(self) -> Group:
         """The command's output as a rich renderable."""
         notes = [one_line(f"Note: {note}.", "yellow") for note in self.notes]
-        return Group(*_verdict(self), _table(self), _triads(self), _triads_agree(self), *notes)
+        return Group(*_verdict(self), _table(self), *_triads(self), *notes)
 
     def to_json(self) -> dict:
         """``tinygc-compare/2`` (docs/formats.md)."""
@@ -203,10 +203,10 @@ def _notes(sessions: list[UnitState]) -> tuple[str, ...]:
             notes.append(f"{session.name} has another full scale ({sensor.gyro_fs_dps:g}, not {first.sensor.gyro_fs_dps:g} dps)")
         if session.triad.mode != sessions[0].triad.mode:
             one, other = (MODES[s.triad.mode] for s in (sessions[0], session))
-            notes.append(f"{session.name}: the accelerometer's calibration was {other} there, {one} in {sessions[0].name}")
+            notes.append(f"{session.name}: accelerometer {other}; {sessions[0].name}: {one}")
         given = all(s.triad.mode != "fit" for s in (sessions[0], session))
         if given and not session.settings.accelerometer.is_as(first.accelerometer):
-            notes.append(f"{session.name} was given another calibration of the accelerometer: what it changed is in the difference of E")
+            notes.append(f"{session.name} was given another accelerometer calibration: E differs by it")
     return tuple(notes)
 
 
@@ -215,7 +215,7 @@ def _frame_notes(sessions: list[UnitState], sigmas: np.ndarray) -> list[str]:
     smallest = sigmas[:, [each.name == "misalignment" for each in QUANTITIES]].min() * 1e-3
     angles = [in_frame_of(sessions[0].triad.calibration, session.triad.calibration)[1] for session in sessions]
     return [
-        f"{session.name} is fitted in another body frame, {1e3 * angle:.2g} mrad away: E and B are turned into that of {sessions[0].name}"
+        f"{session.name} is turned by {significant(1e3 * angle, 2)} mrad into the body frame of {sessions[0].name}"
         for session, angle in zip(sessions, angles, strict=True)
         if angle > smallest
     ]
@@ -241,11 +241,11 @@ def compare_triads(sessions: list[UnitState]) -> Agreement | None:
     whole, apart = (slope @ each @ slope.transpose(0, 2, 1) for each in (whole, apart))
     between = np.diag(USUAL.at(ACCELEROMETER).sigma[seen] ** 2)  # each session is one draw of what a switch-on does
     whole, apart = whole + between, apart + between
-    kept = _told(whole.sum(axis=0), apart.sum(axis=0))
+    kept = _observed(whole.sum(axis=0), apart.sum(axis=0))
     return agreement(vectors @ kept, kept.T @ apart @ kept) if kept.shape[1] else None
 
 
-def _told(whole: np.ndarray, apart: np.ndarray) -> np.ndarray:
+def _observed(whole: np.ndarray, apart: np.ndarray) -> np.ndarray:
     """Return the combinations (k, j) of the parameters that the recordings observe, not only the given calibration.
 
     Where data contribute a share s of the information, and the given calibration 1 - s, ``apart`` is s times ``whole``.
@@ -283,64 +283,52 @@ def _table(found: Compared) -> Table:
         cells = map(measured, values, sigmas)
         rows.append([f"{each.words}, {each.unit}", *cells, Text(f"{off:.1f}", "bold red" if off > MARKED else "")])
     names = [session.name for session in found.sessions]
-    return Table("Calibrations side by side: value ± one sigma", ["", *names, "most off, sigmas"], rows)
+    return Table("Value ± one sigma; the largest difference in sigmas", ["", *names, "sigmas"], rows, minor=range(2, len(names) + 1))
 
 
-def _triads(found: Compared) -> Table:
+def _triads(found: Compared) -> list[Text | Table]:
+    """Whether the accelerometers agree, and where not, their numbers."""
+    if found.triads is None:
+        return [Text("The accelerometers were not both estimated, and are not compared.")]
+    if found.triads.p_value >= DIFFERS_P:
+        return [Text(f"Accelerometers agree ({probability(found.triads.p_value)}).")]
     rows = []
     for word, component, unit, values, sigmas in _side_by_side(found.sessions, [s.triad.errors() for s in found.sessions]):
         cells = ["not observed" if value is None else measured(value, sigma) for value, sigma in zip(values, sigmas, strict=True)]
         rows.append([f"{word} {component}, {unit}", *cells])
-    said = "; ".join(f"{s.name}: {MODES[s.triad.mode]}" for s in found.sessions)
-    return Table("Accelerometers side by side: value ± one sigma", ["", *(s.name for s in found.sessions)], rows, said)
-
-
-def _triads_agree(found: Compared) -> Text:
-    agreed = found.triads
-    if agreed is None:
-        return Text("The accelerometers were not both estimated: there is nothing to hold against each other.")
-    agrees = agreed.p_value >= DIFFERS_P
-    return Text(
-        f"The accelerometers {'agree' if agrees else 'DIFFER'}, with the spread between switch-ons usual of them ({_words(agreed)}).",
-        "bold green" if agrees else "bold red",
-    )
+    header = ["", *(s.name for s in found.sessions)]
+    table = Table("Accelerometers: value ± one sigma", header, rows, minor=range(2, len(header)))
+    return [Text(f"ACCELEROMETERS DIFFER ({probability(found.triads.p_value)}).", "bold red"), table]
 
 
 def verdict_line(found: Compared) -> Text:
     """State whether the calibrations agree."""
-    agrees = found.agree
-    what = "scale factors, misalignments and biases" if found.with_bias else "scale factors and misalignments"
-    said = f"The {what} {'agree' if agrees else 'DIFFER'} ({_words(found.verdict)})."
-    return Text(said, "bold green" if agrees else "bold red")
+    what, p = "scale factors, misalignments" + ", biases" * found.with_bias, probability(found.p_value)
+    if found.agree:
+        return Text(f"AGREE: {what} ({p}).", "bold green")
+    return one_line(f"DIFFER: {_moved_words(found.moved[0]) if found.moved else what} ({p}).", "bold red")
+
+
+def _moved_words(moved: Moved) -> str:
+    by = f"{'+' if moved.by > 0 else ''}{significant(moved.by)} {moved.unit}"
+    return f"{moved.name} {moved.component} of {moved.session} by {by}, {abs(moved.sigmas):.0f} sigmas"
 
 
 def _verdict(found: Compared) -> list[Text]:
-    lines, agrees = [verdict_line(found)], found.agree
-    rest = "the others" if len(found.sessions) > 2 else found.sessions[0].name
-    for moved in found.moved[:MOST_MOVED]:
-        by = f"{moved.by:+.3g} {moved.unit} from {rest}, {abs(moved.sigmas):.1f} sigmas"
-        lines.append(one_line(f"  {moved.name} {moved.component} of {moved.session}: {by}"))
+    lines = [verdict_line(found), *(one_line(f"  {_moved_words(moved)}") for moved in found.moved[1:MOST_MOVED])]
     if len(found.moved) > MOST_MOVED:
         lines.append(Text(f"  and {len(found.moved) - MOST_MOVED} more"))
-    if not agrees and not found.moved:
+    if not found.agree and not found.moved:
         lines.append(Text("  no single one stands out: several moved a little, together"))
     if not found.with_bias:
-        bias = found.bias
-        if bias.p_value < DIFFERS_P:
-            said = "as after a switch-on or at another temperature; take B anew before each use (--bias if it was never off)"
-            lines.append(Text(f"The bias is another one ({_words(bias)}), {said}."))
-        else:
-            lines.append(Text(f"The bias agrees, too ({_words(bias)})."))
+        differs, p = found.bias.p_value < DIFFERS_P, probability(found.bias.p_value)
+        lines.append(Text(f"Bias differs, as after a switch-on ({p}): re-estimate it before use." if differs else f"Bias agrees ({p})."))
     return lines
-
-
-def _words(agreement: Agreement) -> str:
-    return f"chi-square {agreement.chi_square:.1f} for {agreement.freedom}, {probability(agreement.p_value)}"
 
 
 @public()
 def compare(sessions: Any, *, bias: bool = False) -> Compared:
-    """Say whether the calibrations of several sessions of one sensor agree.
+    """Compare the calibrations of several sessions of one sensor: whether they agree.
 
     Parameters
     ----------

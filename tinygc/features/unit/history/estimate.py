@@ -45,7 +45,7 @@ class FoundStep:
 class NumberHistory:
     """A number over the sessions that show it.
 
-    sessions (n,): their places in the history; values, sigmas (n,) SI; course: what they say together, None of fewer than two.
+    sessions (n,): their places in the history; values, sigmas (n,) SI; course: what they show together, None of fewer than two.
     """
 
     number: Number
@@ -98,7 +98,7 @@ class NumberHistory:
 
     @cached_property
     def step_limit(self) -> float | None:
-        """A step in any one interval, beside those found, is smaller than this with 95 %; None where too few sessions tell."""
+        """A step in any one interval, other than those found, is smaller than this with 95 %; None of too few sessions."""
         if self.course is None or not self.course.has_drift:
             return None
         model = self.course.model
@@ -116,7 +116,7 @@ class NumberHistory:
 
     @cached_property
     def warmth(self) -> tuple[float, float, float] | None:
-        """Effect of temperature, its sigma, SI per K, and its limit (95 %); None where the sessions' temperatures do not tell."""
+        """Effect of temperature, its sigma, SI per K, and its limit (95 %); None where the sessions' temperatures do not show it."""
         if self.course is None or (model := self.course.warming) is None:
             return None
         column = np.array([0.0, 0.0, 1.0])
@@ -148,7 +148,7 @@ class UnitHistory:
     @property
     def accelerometer_any_session(self) -> np.ndarray | None:
         """(9,) SI, in the order of ``NUMBERS``: one sigma of the accelerometer's numbers in any other session, from the last one's; None
-        where fewer than two sessions tell them."""
+        where fewer than two sessions show them."""
         triad = self.numbers[GYROSCOPE:]
         models = [each.course.model for each in triad if each.course is not None]
         if len(models) < len(triad):
@@ -159,7 +159,7 @@ class UnitHistory:
 
     @property
     def accelerometer_words(self) -> str | None:
-        """``scale ± 120 90 200 ppm, bias ± 1.2 0.5 2.8 mg``; None where they are not told."""
+        """``scale ± 120 90 200 ppm, bias ± 1.2 0.5 2.8 mg``; None where they are not known."""
         sigma = self.accelerometer_any_session
         if sigma is None:
             return None
@@ -206,12 +206,11 @@ def history_of(sessions: Sequence[UnitSession]) -> UnitHistory:
     order, at = times_of([session.moment for session in sessions])
     ordered = tuple(sessions[i] for i in order)
     dated = all(session.moment is not None for session in ordered) and len({s.moment.when for s in ordered if s.moment}) > 1
-    said = []
+    remarks: tuple[str, ...] = ()
     if len(ordered) > 1 and not dated:
-        lacking = [session.name for session in ordered if session.moment is None]
-        why = f"{lacking[0]} has no date" if lacking else "all sessions have one date"
-        do = "give notes.date in session.toml, or --dates"
-        said.append(f"{why}: the sessions count in the order in which they came, and no drift a year is known; {do}")
+        undated = [session.name for session in ordered if session.moment is None]
+        why = f"{undated[0]} has no date" if undated else "all sessions have one date"
+        remarks = (f"{why}: no drift a year; give notes.date in session.toml, or --dates",)
     values, covariances = (np.array([getattr(session, name) for session in ordered]) for name in ("values", "covariance"))
     warmth = np.array([np.nan if session.temperature_c is None else session.temperature_c for session in ordered])
     numbers = []
@@ -225,4 +224,4 @@ def history_of(sessions: Sequence[UnitSession]) -> UnitHistory:
     if len(ordered) > 1:
         biases, own = np.array([session.vector[BIAS] for session in ordered]), np.array([session.stated[BIAS, BIAS] for session in ordered])
         spread = spread_of_values(B_OF_21, biases, own, ordered, "sessions of this unit").at(B_OF_21)
-    return UnitHistory(ordered[0].model, ordered[0].serial, ordered, at, dated, tuple(numbers), spread, tuple(said))
+    return UnitHistory(ordered[0].model, ordered[0].serial, ordered, at, dated, tuple(numbers), spread, remarks)

@@ -2,13 +2,13 @@
 
     difference(t) = level + drift t + scatter of that switch-on + shocks since - last calibration
 
-is drawn from what the history says: for each number s from its pivot (``between_sessions``), level and drift by generalised least squares
+is drawn from the history: for each number s from its pivot (``between_sessions``), level and drift by generalised least squares
 from values that are disturbed by their own errors, correlated as the fits state, and by a scatter of s.  A drift is in it with its sigma,
 whether it is significant or not.  Shocks come at the rate of those that were found, with their rms size; where none was found none is
 predicted.  Nothing is stated beyond the last session by more than the history is long.
 
 A requirement holds where 95 % of the draws meet it.  Their share counts whatever is not known of level, drift and s, so that a smaller one
-may only say that the sessions are few.  It does not hold where the chance is below 95 % for 95 % of the levels, drifts and s that the
+may only mean that the sessions are few.  It does not hold where the chance is below 95 % for 95 % of the levels, drifts and s that the
 history leaves possible, each by draws of scatter and shocks alone.  Between the two it is undecided.
 """
 
@@ -88,7 +88,7 @@ class Outlook(Answer):
     """Whether the last calibration meets a requirement, today (``HOLDS``, ``FAILS`` or ``UNDECIDED``), and until when.
 
     until: the last day on which it holds with 95 %, None where that is not known or it does not hold at all; beyond: whether it holds to
-    the end of what the history can tell; shares (M,) at years (M,) after the last session: probability that it is met.
+    the end of the forecast, which is as long as the history; shares (M,) at years (M,) after the last session: probability that it is met.
     """
 
     requirement: Requirement
@@ -184,7 +184,7 @@ def _outlook(history: UnitHistory, requirement: Requirement, draws: Draws | None
         return Outlook(kind, why, requirement=requirement, years=np.zeros(len(shares)), shares=np.array(shares))
 
     if draws is None:
-        return without(UNDECIDED, "one session does not show how far the next one may be from it; record and fit another one at least")
+        return without(UNDECIDED, "one session shows no scatter; fit another one at least")
     within = meets(history, requirement, draws)
     if within is None:
         return without(UNDECIDED, "the last session does not show these numbers, or no other one does")
@@ -198,12 +198,12 @@ def _outlook(history: UnitHistory, requirement: Requirement, draws: Draws | None
     at_once = share(0.0)
     if at_once < COVERAGE:
         answer = FAILS if fails(0.0) else UNDECIDED
-        few = "" if answer == FAILS else ", but so few sessions leave it open: record and fit more"
-        return without(answer, f"at the next switch-on it is met with {100 * at_once:.0f} %, not 95 %{few}", [at_once])
+        few = "" if answer == FAILS else "; fit more sessions"
+        return without(answer, f"met at the next switch-on with {100 * at_once:.0f} %, not 95 %{few}", [at_once])
     if not history.dated or last is None:
-        return without(UNDECIDED, f"it is met at the next switch-on ({100 * at_once:.0f} %); until when needs dates", [at_once])
+        return without(UNDECIDED, f"met at the next switch-on ({100 * at_once:.0f} %); until when needs dates", [at_once])
     if len(history.sessions) < FEWEST_WITH_DRIFT:
-        few = f"it is met at the next switch-on ({100 * at_once:.0f} %); until when needs {FEWEST_WITH_DRIFT} sessions, which show a drift"
+        few = f"met at the next switch-on ({100 * at_once:.0f} %); until when needs {FEWEST_WITH_DRIFT} sessions"
         return without(UNDECIDED, few, [at_once])
     span = float(history.at[-1])
     years = np.linspace(0.0, span, MOMENTS)
@@ -215,13 +215,10 @@ def _outlook(history: UnitHistory, requirement: Requirement, draws: Draws | None
         until = float(np.interp(COVERAGE, [shares[k], shares[k - 1]], [years[k], years[k - 1]]))
     day, now = last.when + timedelta(seconds=until * YEAR_S), (today - last.when).total_seconds() / YEAR_S
     if now <= until:
-        answer, reason = HOLDS, "the end of what the history tells: it says nothing further ahead than it is long" if beyond else ""
-    elif beyond:
-        answer = UNDECIDED
-        reason = f"it is met until {day.date()}; the history is {span:.2g} years long, and says nothing further ahead than that"
+        answer, reason = HOLDS, f"until {day.date()}{' or later' * beyond} (95 %)"
     else:
-        answer = FAILS if fails(min(now, span)) else UNDECIDED
-        reason = f"it was met with 95 % until {day.date()}{'' if answer == FAILS else ', and may be met still: calibrate anew'}"
+        answer = FAILS if not beyond and fails(min(now, span)) else UNDECIDED
+        reason = f"last safe date {day.date()}"
     return Outlook(answer, reason, requirement=requirement, until=day, beyond=beyond, years=years, shares=shares)
 
 

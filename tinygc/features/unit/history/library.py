@@ -1,4 +1,4 @@
-"""Python interface of ``history``: the sessions of units, what they say together, and when to calibrate next."""
+"""Python interface of ``history``: the sessions of units together, and when to calibrate next."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tinygc.estimation.session_times import Moment, parsed
 from tinygc.features.unit.history.estimate import NumberHistory, UnitHistory, history_of
 from tinygc.features.unit.history.forecast import Outlook, outlooks_of, parse_accuracy, parse_limit
 from tinygc.features.unit.history.sessions import NUMBERS, read_dates, sessions_of
-from tinygc.features.unit.history.shown import outlook_line, page, picture_of, unit_facts
+from tinygc.features.unit.history.shown import outlook_line, page, picture_of, summary_lines, unit_facts
 from tinygc.features.unit.options import HistoryOptions
 from tinygc.library.arguments import is_path, public
 from tinygc.library.records import Kept
@@ -41,7 +41,7 @@ class History(Kept):
     remarks: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
-        return f"<History of {', '.join(f'{unit.name}: {len(unit.sessions)} sessions' for unit in self.units)}>"
+        return f"<History of {', '.join(summary_lines(unit)[0] for unit in self.units)}>"
 
     @property
     def page(self) -> Group:
@@ -50,9 +50,9 @@ class History(Kept):
 
     def screen(self, everything: bool = False) -> Group:
         """The same; everything: with the accelerometer's numbers and the values of each session."""
-        more = [] if everything else ["--all shows the accelerometer's numbers and the values of each session"]
         units = zip(self.units, self.outlooks, strict=True)
-        return screen([*(part for unit, outlooks in units for part in (*unit_facts(unit, outlooks, everything), *more, "")), *self.remarks])
+        parts = [part for unit, outlooks in units for part in unit_facts(unit, outlooks, everything)]
+        return screen([*parts, *self.remarks])
 
     @property
     def exit_code(self) -> int:
@@ -63,8 +63,10 @@ class History(Kept):
     @property
     def verdict_line(self) -> str:
         """One line: the answers to the requirements, or how many sessions there are."""
-        said = [f"{unit.name}: {outlook_line(each)}" for unit, outlooks in zip(self.units, self.outlooks, strict=True) for each in outlooks]
-        return "; ".join(said) or repr(self).strip("<>")
+        answers = [
+            f"{unit.name}: {outlook_line(each)}" for unit, outlooks in zip(self.units, self.outlooks, strict=True) for each in outlooks
+        ]
+        return "; ".join(answers or [summary_lines(unit)[0] for unit in self.units])
 
     def to_json(self) -> dict:
         """``tinygc-history/1`` (docs/formats/unit.md)."""
@@ -173,7 +175,7 @@ def _of_number(each: NumberHistory) -> dict[str, Any]:
 
 @public(HistoryOptions)
 def history(sessions: Path | str | Sequence[Path | str], *, dates: Any = None, progress: Progress | None = None, **choices: Any) -> Any:
-    """Estimate what the sessions of a unit say together: scatter between switch-ons, drift, shocks, and when to calibrate next.
+    """Estimate the history of a unit from its sessions: scatter between switch-ons, drift, shocks, and when to calibrate next.
 
     Parameters
     ----------

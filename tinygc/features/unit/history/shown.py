@@ -12,17 +12,18 @@ from datetime import timedelta
 
 import numpy as np
 
-from session.base.texts import NONE, measured, probability, significant
+from session.base.texts import NONE, measured, significant
 from session.base.units import DEG
-from tinygc.estimation.between_sessions import CHANCE, FEWEST_WITH_DRIFT, FEWEST_WITH_TEMPERATURE, LEAST_WARMTH_K, LOOKED_AT, ONE_SIGMA
+from tinygc.estimation.between_sessions import FEWEST_WITH_DRIFT, ONE_SIGMA
 from tinygc.estimation.session_times import SOURCES, YEAR_S
 from tinygc.estimation.spread import ZERO
 from tinygc.explanation.reported import ReportData
-from tinygc.features.unit.history.estimate import LONGEST_YEAR, NumberHistory, UnitHistory, history_of
+from tinygc.features.unit.history.estimate import NumberHistory, UnitHistory, history_of
 from tinygc.features.unit.history.forecast import Outlook
 from tinygc.features.unit.history.sessions import GYROSCOPE, Number, unit_sessions
 from tinygc.fitting.unit_state import fitted_state, state_of
-from tinygc.inference.decide import HOLDS
+from tinygc.inference.decide import HOLDS, UNDECIDED
+from tinygc.inference.solve import coverage_factor
 from tinygc.models.linear import BIAS
 from tinygc.reporting import facts
 from tinygc.reporting.drawing import Axis, Panel, Picture
@@ -34,34 +35,40 @@ from tinygc.reporting.terminal import one_line
 MOST_COLUMNS = 4
 #: a limit beyond this many times the range of the values, with their largest sigma, is none
 HIDDEN = 30.0
-#: title of the table of all sessions together
-TOGETHER = "What the sessions say together: scatter between them, drift, a step in any interval (95 %)"
 
 
 def unit_facts(history: UnitHistory, outlooks: Sequence[Outlook], everything: bool = True) -> list[Part]:
-    """What stands of one unit: what matters first, then the gyroscope's numbers; everything: all numbers, and those of each session."""
-    parts: list[Part] = [one_line(headline(history), "bold")]
-    parts += [one_line(outlook_line(each), each.of.style) for each in outlooks]
-    parts += lines(history)
-    shown = history.numbers if everything else history.numbers[:GYROSCOPE]
-    if len(history.sessions) > 1:
-        header = ("", "last", "scatter", f"drift a {history.drift_time}", "a further step")
-        parts.append(Table(TOGETHER, header, rows(history, shown)))
-    if everything or len(history.sessions) == 1:
-        places = range(max(0, len(history.sessions) - MOST_COLUMNS), len(history.sessions))
-        title = "Values ± one sigma of the session" + f", the last {len(places)}" * (len(places) < len(history.sessions))
-        parts.append(Table(title, ("", *(session_words(history, place) for place in places)), value_rows(shown, places)))
+    """What stands of one unit: the answer, then the gyroscope's numbers; everything: all numbers, and those of each session."""
+    parts: list[Part] = [one_line(outlook_line(each), each.of.style) for each in outlooks]
+    parts += [one_line(line, "" if outlooks else "bold") for line in summary_lines(history)]
+    parts += lines(history, everything)
+    shown, count = history.numbers if everything else history.numbers[:GYROSCOPE], len(history.sessions)
+    if count > 1:
+        header = ("", "last", "scatter", f"drift a {history.drift_time}", "step")
+        columns = 3 if count < FEWEST_WITH_DRIFT else len(header)
+        title = "Scatter between sessions" + ", drift, and a step that may hide between two" * (columns > 3)
+        parts.append(Table(f"{title} (95 %)", header[:columns], [row[:columns] for row in rows(history, shown)]))
+    if everything or count == 1:
+        places = range(max(0, count - MOST_COLUMNS), count)
+        title = "Values ± one sigma" + f", the last {len(places)} sessions" * (len(places) < count)
+        names = [session_words(history, place) for place in places]
+        parts.append(Table(title, ("", *names), value_rows(shown, places), minor=range(1, len(places))))
     return parts
 
 
-def headline(history: UnitHistory) -> str:
-    """``ASM330LHH 17: 6 sessions, 2024-01-05 to 2026-02-11 (2.1 years)``."""
+def summary_lines(history: UnitHistory) -> list[str]:
+    """How many sessions there are, and whether a drift or a shock was found."""
     count = len(history.sessions)
-    said = f"{history.name}: {count} session{'s' * (count > 1)}"
-    first, last = history.sessions[0].moment, history.sessions[-1].moment
-    if history.dated and first is not None and last is not None and history.span_years is not None:
-        return f"{said}, {first.day} to {last.day} ({span_words(history.span_years)})"
-    return f"{said}, {last.day}" if count == 1 and last is not None else said
+    long = f" over {span_words(history.span_years)}" if history.span_years is not None and count > 1 else ""
+    begin = f"{history.name}: {count} session{'s' * (count > 1)}{long}"
+    if count < FEWEST_WITH_DRIFT:
+        return [f"{begin}; drift needs {FEWEST_WITH_DRIFT} or more."]
+    drifts, steps = _drift_lines(history), _step_lines(history)
+    if drifts or steps:
+        kinds = " and ".join(["drift"] * bool(drifts) + ["shock"] * bool(steps))
+        return [f"{begin}; {kinds} found:", *(f"  {line}" for line in (*drifts, *steps))]
+    is_short = history.dated and not history.is_year_stated
+    return [f"{begin}; {'too short for a drift a year' if is_short else 'no drift found'}."]
 
 
 def span_words(years: float) -> str:
@@ -79,7 +86,7 @@ def session_words(history: UnitHistory, place: int) -> str:
 
 
 def value_rows(numbers: Sequence[NumberHistory], places: Sequence[int]) -> list[list[str]]:
-    """Of each number that any session tells: its name with the unit, and its value in these sessions."""
+    """Of each number that any session shows: its name with the unit, and its value in these sessions."""
     found = []
     for each in numbers:
         at = {int(place): k for k, place in enumerate(each.sessions)}
@@ -104,31 +111,31 @@ def rows(history: UnitHistory, numbers: Sequence[NumberHistory]) -> list[list[st
 
 
 def scatter_words(each: NumberHistory) -> str:
-    """``0.031 (0.018–0.090)`` or ``less than 0.02``."""
+    """``0.031 (0.018–0.090)`` or ``< 0.02``."""
     assert each.scatter is not None
     assert each.scatter_interval is not None
     low, high = (end / each.number.si for end in each.scatter_interval)
     if low == 0:
-        return f"less than {significant(high, 2)}"
+        return f"< {significant(high, 2)}"
     return f"{significant(each.scatter / each.number.si, 2)} ({significant(low, 2)}–{significant(high, 2)})"
 
 
 def drift_words(history: UnitHistory, each: NumberHistory) -> str:
-    """``+12 ± 3`` or ``less than 40``."""
+    """``12 ± 3`` or ``< 40``."""
     if each.course is None or each.drift is None or each.drift_limit is None or (history.dated and not history.is_year_stated):
         return NONE
     if each.course.drifts:
         return measured(each.drift[0] / each.number.si, each.drift[1] / each.number.si)
-    return f"less than {significant(each.drift_limit / each.number.si, 2)}"
+    return f"< {significant(each.drift_limit / each.number.si, 2)}"
 
 
 def step_words(each: NumberHistory) -> str:
-    """``less than 0.2``; ``not limited`` where a step could hide in the drift across a gap."""
+    """``< 0.2``; no limit where a step could hide in the drift across a gap."""
     if each.step_limit is None:
         return NONE
     if each.step_limit > HIDDEN * (float(np.ptp(each.values)) + float(each.sigmas.max())):
-        return "not limited"
-    return f"less than {significant(each.step_limit / each.number.si, 2)}"
+        return NONE
+    return f"< {significant(each.step_limit / each.number.si, 2)}"
 
 
 def grouped(numbers: Sequence[Number]) -> str:
@@ -137,81 +144,63 @@ def grouped(numbers: Sequence[Number]) -> str:
     return "; ".join(f"{name} {', '.join(number.component for number in numbers if number.name == name)}" for name in names)
 
 
-def lines(history: UnitHistory) -> list[str]:
-    """What stands below the tables: any session, drifts, shocks, temperature, remarks."""
-    found = []
-    if (spread := history.any_session) is not None:
-        sizes = " ".join(significant(each, 2) for each in spread.any_session(np.diag(history.sessions[-1].stated)[BIAS]) / DEG)
-        found.append(f"the bias of any other session: ± {sizes} dps from the last calibration's, x y z ({spread.source})")
-    if (words := history.accelerometer_words) is not None:
-        found.append(f"the accelerometer of any other session: {words} from the last calibration's, x y z")
-    found += _drift_lines(history)
-    found += _step_lines(history)
-    found += _warmth_lines(history)
-    sources = dict.fromkeys(session.moment.source for session in history.sessions if session.moment is not None)
-    if history.dated:
-        found.append(f"dates are from {', '.join(SOURCES[source] for source in sources)}")
+def lines(history: UnitHistory, everything: bool = False) -> list[str]:
+    """What stands between the answer and the tables; everything: with the accelerometer, and where the dates are from."""
+    found, spread = [], history.any_session
+    if spread is not None:
+        factors = np.array([coverage_factor(freedom) for freedom in spread.freedom])  # of two sessions 12.7
+        own = coverage_factor(np.inf) ** 2 * np.diag(history.sessions[-1].stated)[BIAS]
+        sizes = " ".join(significant(each, 2) for each in np.sqrt(own + 2 * (factors * spread.scatter) ** 2) / DEG)
+        found.append(f"Next switch-on: bias within ±{sizes} dps (95 %, {len(history.sessions)} sessions, x y z).")
+    if everything and (words := history.accelerometer_words) is not None:
+        found.append(f"Next switch-on: accelerometer {words} (1 sigma, x y z).")
+    if (warmth := _warmth_line(history)) is not None:
+        found.append(warmth)
+    if everything and history.dated:
+        sources = dict.fromkeys(session.moment.source for session in history.sessions if session.moment is not None)
+        found.append(f"Dates: {', '.join(SOURCES[source] for source in sources)}.")
     return [*found, *history.remarks]
 
 
 def _drift_lines(history: UnitHistory) -> list[str]:
-    if len(history.sessions) < FEWEST_WITH_DRIFT:
-        return [f"drift and shocks are undecided: they need {FEWEST_WITH_DRIFT} sessions or more, and there are {len(history.sessions)}"]
-    if history.dated and not history.is_year_stated:
-        long = span_words(float(history.at[-1]))
-        return [f"a drift a year is not known: the history is {long} long, and a year more than {LONGEST_YEAR:g} times that"]
-    bar = f"p below {significant(CHANCE / LOOKED_AT, 2)} in {LOOKED_AT} numbers: {CHANCE:.0%} by chance"
     drifting = [each for each in history.numbers if each.course is not None and each.course.drifts]
-    if not drifting:
-        return [f"a drift is undecided in every number ({bar}); the table has its limits"]
-    found = []
+    if not drifting or (history.dated and not history.is_year_stated):
+        return []
     clear = [each.number for each in drifting if each.drift_or_step is None]
-    if clear:
-        found.append(f"a drift is significant in {grouped(clear)} ({bar})")
+    found = [f"drift: {grouped(clear)}"] if clear else []
     for place in dict.fromkeys(int(each.sessions[each.drift_or_step]) for each in drifting if each.drift_or_step is not None):
         same = [each.number for each in drifting if each.drift_or_step is not None and each.sessions[each.drift_or_step] == place]
         names = " and ".join(history.sessions[k].name for k in (place, place + 1))
-        found.append(f"a drift, or a step between {names}, which explains it as well: {grouped(same)} ({bar})")
+        found.append(f"drift, or a step between {names}: {grouped(same)}")
     return found
 
 
 def _step_lines(history: UnitHistory) -> list[str]:
-    if len(history.sessions) < FEWEST_WITH_DRIFT:
-        return []
     found = []
     for step in history.steps:
         size = measured(step.size / step.number.si, step.sigma / step.number.si)
         by = f"{step.number.words} by {'+' if step.size > 0 else ''}{size} {step.number.unit}"
-        found.append(f"a shock between {step.before} and {step.after}: {by} ({probability(step.p_value)})")
-    chance = f"{CHANCE:.0%} by chance over all intervals and numbers"
-    return found or [f"a shock is undecided in every interval ({chance}); the table has the limits of a step"]
+        found.append(f"shock between {step.before} and {step.after}: {by}")
+    return found
 
 
-def _warmth_lines(history: UnitHistory) -> list[str]:
-    zero = [each for each in history.numbers if each.number.name == "bias"]
-    told = [each for each in zero if each.warmth is not None]
-    known = [session.temperature_c for session in history.sessions if session.temperature_c is not None]
-    if not told:
-        if len(known) < len(history.sessions) or len(known) < 2:
-            return []
-        why = (
-            f"{FEWEST_WITH_TEMPERATURE} sessions" if len(known) < FEWEST_WITH_TEMPERATURE else f"means that differ by {LEAST_WARMTH_K:g} K"
-        )
-        return [f"the bias over temperature is undecided: it needs {why}, and these were at {min(known):.1f} to {max(known):.1f} °C"]
+def _warmth_line(history: UnitHistory) -> str | None:
+    """The bias over temperature; None where the sessions do not show it."""
     cells = []
-    for each in told:
-        value, sigma, limit = (1e3 * part / each.number.si for part in each.warmth or ())
-        is_known = each.course is not None and each.course.warms
-        cells.append(f"{each.number.component} {measured(value, sigma) if is_known else f'undecided, less than {significant(limit, 2)}'}")
-    return [f"the bias over temperature, mdps/K, from {min(known):.1f} to {max(known):.1f} °C: {'; '.join(cells)}"]
+    for each in history.numbers:
+        if each.number.name == "bias" and each.warmth is not None:
+            value, sigma, limit = (1e3 * part / each.number.si for part in each.warmth)
+            is_known = each.course is not None and each.course.warms
+            cells.append(f"{each.number.component} {measured(value, sigma) if is_known else f'< {significant(limit, 2)}'}")
+    return f"Bias over temperature: {', '.join(cells)} mdps/K." if cells else None
 
 
 def outlook_line(each: Outlook) -> str:
-    """``bias 50 mdps: holds until 2027-03-04 (95 %)``."""
-    said = f"{each.requirement.text}: {each.kind}"
-    if each.kind == HOLDS and each.until is not None:
-        said += f" until {each.until.date()}{' at least' * each.beyond} (95 %){'' if each.beyond else ': calibrate before that day'}"
-    return f"{said}; {each.line}" if each.line else said
+    """``OK until 2027-03-04 (95 %): bias 50 mdps``."""
+    if each.kind == HOLDS:
+        return f"OK {each.line}: {each.requirement.text}"
+    begin = "Undecided" if each.kind == UNDECIDED and each.until is None else "Recalibrate"
+    return f"{begin}: {each.line} ({each.requirement.text})."
 
 
 # The pictures.
@@ -228,7 +217,7 @@ DATES = 6
 
 def picture_of(history: UnitHistory) -> Picture:
     """All panels of a unit."""
-    title = f"{headline(history)}: difference from each number's mean, ± one sigma; dashed: no significant course"
+    title = f"{history.name}: difference from each number's mean, ± one sigma; dashed: no significant course"
     return Picture([*panels_of(history)], title)
 
 
@@ -262,14 +251,14 @@ def _panel(history: UnitHistory, part: Sequence[NumberHistory], title: str) -> P
         if each.course is not None:
             grid, *curves = _course(each, at)
             middle, low, high = ((curve - mean) / si for curve in curves)
-            panel.area(grid, low, high, axis)
+            panel.area(grid, low, high, axis, name="" if k else "course, 68 %")
             panel.line(grid, middle, axis, "thin" if each.course.drifts or each.course.steps else "dash")
-        says = [
+        notes = [
             f"{history.sessions[place].name}: {component} {value:+.3g} ± {sigma:.2g} {unit}"
             for place, value, sigma in zip(each.sessions, values, sigmas, strict=True)
         ]
-        beside = at + (k - 1) * APART * ((hi - lo) or 1.0)
-        panel.points(beside, values, axis, sigma=sigmas, name=f"{component} {significant(mean / si, 4)}", says=says)
+        shifted = at + (k - 1) * APART * ((hi - lo) or 1.0)
+        panel.points(shifted, values, axis, sigma=sigmas, name=f"{component} {significant(mean / si, 4)}", says=notes)
         for step in history.steps:
             if step.number == each.number:
                 shocks.setdefault(float(history.at[step.interval : step.interval + 2].mean()), []).append(component)

@@ -95,7 +95,7 @@ def test_bad_input_gets_one_line(monday, tmp_path, run):
         assert (code, err.count("\n"), word in err) == (2, 1, True)
     for others, word in (
         ([], "two sessions"),
-        ([tmp_path / "none"], "session.toml"),
+        ([tmp_path / "none"], "no such folder"),
         ([unfitted], "calibrate.py fit"),
         ([monday], "same log"),
     ):

@@ -18,30 +18,31 @@ FIGURES = ("gyro_noise_mdps_rthz", "accel_noise_ug_rthz", "gyro_bias_instability
 
 def tables() -> str:
     """What stands between the two marks of the page."""
+    alike: dict[str, list[str]] = {}
+    for profile in PROFILES:
+        alike.setdefault(_units(profile), []).extend((profile.name, *profile.also))
     units = [
-        "| sensor | mdps per LSB at ± dps | mg per LSB at ± g | temperature | from |",
-        "| --- | --- | --- | --- | --- |",
-        *(_units(profile) for profile in PROFILES),
+        "| sensors | mdps per LSB @ ± dps | mg per LSB @ ± g | LSB per °C, °C at 0 |",
+        "| --- | --- | --- | --- |",
+        *(f"| {', '.join(names)} | {row} |" for row, names in alike.items()),
     ]
     figures = [
         "| sensor | data rates, Hz | gyroscope noise, mdps/√Hz | accelerometer noise, µg/√Hz | bias instability, °/h "
-        "| zero rate, at most, dps | accelerometer's zero, at most, mg | works, °C |",
+        "| largest bias, dps | largest accelerometer zero, mg | works, °C |",
         "| --- | --- | --- | --- | --- | --- | --- | --- |",
         *(_figures(profile) for profile in PROFILES),
     ]
-    sources = ["| sensor | figure | source |", "| --- | --- | --- |", *(row for profile in PROFILES for row in _sources(profile))]
-    return "\n\n".join("\n".join(lines) for lines in (units, figures, sources))
+    return "\n\n".join("\n".join(lines) for lines in (units, figures))
 
 
 def _units(profile: Profile) -> str:
     each = [
-        "full scale / 32768" if table is None else ", ".join(f"{lsb:.6g} at {fs:g}" for fs, lsb in table.items())
+        "full scale / 32768" if table is None else ", ".join(f"{lsb:.5g}@{fs:g}" for fs, lsb in table.items())
         for table in (profile.gyro, profile.accel)
     ]
     register = profile.thermometer
-    temperature = "not known" if register is None else f"{register.lsb_per_c:.5g} LSB per °C, 0 at {register.at_zero_c:.5g} °C"
-    names = ", ".join((profile.name, *profile.also))
-    return f"| {names} | {each[0]} | {each[1]} | {temperature} | {profile.units} |"
+    temperature = "not known" if register is None else f"{register.lsb_per_c:.5g}, {register.at_zero_c:.5g}"
+    return f"{each[0]} | {each[1]} | {temperature}"
 
 
 def _figures(profile: Profile) -> str:
@@ -56,19 +57,8 @@ def _figure(figure: Figure | None) -> str:
     return "" if figure is None else f"{figure.value:g}" if figure.read else f"[{figure.value:g}]"
 
 
-def _sources(profile: Profile) -> list[str]:
-    """Figures of one source in one row; what is remembered says so in the table before."""
-    named = {"gyro_noise_mdps_rthz": "gyroscope noise", "accel_noise_ug_rthz": "accelerometer noise"}
-    named |= {"gyro_bias_instability_dph": "bias instability", "zero_rate_dps": "zero rate", "accel_zero_mg": "accelerometer's zero"}
-    by_source: dict[str, list[str]] = {}
-    for name, figure in profile.figures.items():
-        if figure.read:
-            by_source.setdefault(figure.source, []).append(named[name])
-    return [f"| {profile.name} | {', '.join(names)} | {source} |" for source, names in by_source.items()]
-
-
 def with_tables(page: str) -> str:
-    """The page with its tables made anew."""
+    """The page with its tables as the records have them."""
     before, _, rest = page.partition(BEGIN)
     return f"{before}{BEGIN}\n\n{tables()}\n\n{END}{rest.partition(END)[2]}"
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections import Counter
 from functools import lru_cache, reduce
 from itertools import pairwise
 from operator import xor
@@ -66,15 +67,17 @@ def form_of(lines: list[str], packed: str | None, name: str) -> TextForm | None:
     if sum(MONITOR.match(line) is not None for line in some) > SHARE * len(some):
         without = [bare for line in some if (bare := MONITOR.sub("", line)).strip()]
         return _Monitor(form_of(without, packed, name), without)
-    for kind in (_Sentences, _JsonLines, _Pairs):
+    for kind in (_Sentences, _JsonLines, _Labelled, _Pairs):
         if (form := kind.found(some, name)) is not None:
             return form
     return _packed(some, packed, name) or _hexadecimal(some)
 
 
-# The clock that a serial monitor puts before each line: ``12:30:01.123 -> 1,2,3``.
+# The clock that a serial monitor puts before each line: ``12:30:01.123 -> 1,2,3`` of the Arduino IDE, ``12:30:01.123 > `` of PlatformIO,
+# ``[2026-05-03 12:30:01.123] `` of Tera Term, the same without brackets of CoolTerm.
 
-MONITOR = re.compile(r"^\s*(\d{1,2}:\d\d:\d\d\.\d+) -> ?")
+_DATE, _TIME = r"\d{4}-\d\d-\d\d[ T]", r"(\d{1,2}:\d\d:\d\d[.:]\d+)"
+MONITOR = re.compile(rf"^\s*(?:(?:\[(?:{_DATE})?{_TIME}\]|(?:{_DATE})?{_TIME} -?>) ?|{_DATE}{_TIME} (?=\S*[,;:=\t]))")
 
 
 class _Monitor(TextForm):
@@ -95,7 +98,7 @@ class _Monitor(TextForm):
         names = self._inner is None and re.match(r"\s*[A-Za-z_]", bare) is not None
         if self._inner is not None:
             bare, self.left_out = self._inner.row(bare), self._inner.left_out
-        end = "" if clock is None or not bare.strip() else f"{self._delimiter}{'monitor_time' if names else clock[1]}"
+        end = "" if clock is None or not bare.strip() else f"{self._delimiter}{'monitor_time' if names else clock[clock.lastindex or 0]}"
         return bare.rstrip("\r") + end
 
 
@@ -103,7 +106,8 @@ class _Monitor(TextForm):
 
 # Names have an end: from each of a long line's letters a pattern would look at all that follow.
 PAIR = re.compile(
-    rf"(?P<name>[A-Za-z_°][A-Za-z_°0-9.\[\]() ]{{0,{LONGEST_NAME}}}+)\s{{0,9}}+[:=]\s{{0,9}}+(?P<value>{NUMBER})(?![\w.:])",
+    rf"(?P<name>[A-Za-z_°](?:[A-Za-z_°0-9.\[\]() ]|-(?=[A-Za-z])){{0,{LONGEST_NAME}}}+)"
+    rf"\s{{0,9}}+[:=]\s{{0,9}}+(?P<value>{NUMBER})(?![\w.:])",
 )
 UNIT = re.compile(r"[ \t]*([A-Za-z°µ%][\w°/^²µ%]*)(?![\w°/^²µ%]|\s*[:=])")
 AXES = ("x", "y", "z")
@@ -165,12 +169,12 @@ class _Pairs(_Record):
 
     def __init__(self, parsed: list[list[tuple[str, str, str]]], begins: str | None, stamped: bool, commas: bool):
         super().__init__(parsed, begins)
-        self._stamped, self._commas = stamped, commas
+        self._stamped, self._commas, self._heading = stamped, commas, ""
 
     @classmethod
     def found(cls, lines: list[str], name: str) -> _Pairs | None:
         """Where most lines hold them."""
-        mine = [line for line in lines if not line.lstrip().startswith("#")]
+        mine = _under_headings([line for line in lines if not line.lstrip().startswith("#")])[0]
         commas = sum(WITH_COMMA.search(line) is not None for line in mine) > SHARE * len(mine)
         stamped = sum(LEADING.match(line) is not None for line in mine) > SHARE * len(mine)
         parsed = [pairs for line in mine if (pairs := _pairs(line, stamped, commas))]
@@ -178,14 +182,30 @@ class _Pairs(_Record):
             return None
         _refuse_labels(mine, name)
         gap = next((i for i, line in enumerate(lines) if not line.strip()), None)
-        behind = next((pairs for line in lines[gap:] if (pairs := _pairs(line, stamped, commas))), []) if gap is not None else []
+        behind = next((pairs for line in mine[gap:] if (pairs := _pairs(line, stamped, commas))), []) if gap is not None else []
         form = cls(parsed, behind[0][0] if behind else None, stamped, commas)
         return form if form.is_one else None
 
     def row(self, line: str) -> str:
         """Of names and numbers, perhaps over several lines."""
-        pairs = _pairs(line, self._stamped, self._commas)
+        (headed,), self._heading = _under_headings([line], self._heading)
+        pairs = _pairs(headed, self._stamped, self._commas)
         return self.completed(pairs) if pairs else self._no_row(line, torn=False)
+
+
+#: a line of its own above ``X = 1``, ``Y = 2``: ``Accelerometer:``
+HEADING = re.compile(r"\s*+([A-Za-z][\w ]{0,40}?)\s*:\s*+")
+BARE_AXIS = re.compile(r"\s*+[XYZxyz]\s*+[:=]")
+
+
+def _under_headings(lines: list[str], heading: str = "") -> tuple[list[str], str]:
+    """Lines in which an axis alone has the heading above it before it, and the last heading."""
+    found = []
+    for line in lines:
+        match = HEADING.fullmatch(line)
+        heading = heading if match is None else match[1]
+        found.append(f"{heading} {line.strip()}" if heading and BARE_AXIS.match(line) else line)
+    return found, heading
 
 
 #: ``IMU0: ax=1 …``, ``dev=left, ax=1 …``: which sensor a line is of, in words
@@ -205,10 +225,41 @@ def _refuse_labels(lines: list[str], name: str) -> None:
         raise FormatError(f"{name}: lines of several sensors ({', '.join(several[:4])}), told by words; keep the lines of one")
 
 
+# Rows of numbers behind a label: ``a/g:\t-120\t…``, ``IMU: 1, 2, …``.
+
+ROW = re.compile(
+    rf"\s*+([A-Za-z][A-Za-z0-9_/ .-]{{0,{LONGEST_NAME}}}?)\s*[:=>]\s*+({NUMBER}(?:[,;\s]++{NUMBER}){{5,{MOST_PAIRS}}}+)[,;\s]*+"
+)
+#: what the labels of well-known sketches stand for
+LABELS = {"a/g": "ax,ay,az,gx,gy,gz", "a/g/m": "ax,ay,az,gx,gy,gz,mx,my,mz"}
+
+
+class _Labelled(TextForm):
+    name = "rows of numbers behind a label"
+
+    def __init__(self, label: str):
+        self._label, self.header = label, LABELS.get(label, "")
+
+    @classmethod
+    def found(cls, lines: list[str], name: str) -> _Labelled | None:
+        """Where most lines have one and the same label."""
+        labels = Counter(match[1] for line in lines if (match := ROW.fullmatch(line)) is not None)
+        label, count = labels.most_common(1)[0] if labels else ("", 0)
+        return cls(label) if count > SHARE * len(lines) else None
+
+    def row(self, line: str) -> str:
+        """The numbers, with commas."""
+        match = ROW.fullmatch(line)
+        if match is None or match[1] != self._label:
+            return self._no_row(line, torn=False)
+        return ",".join(re.split(r"[,;\s]+", match[2]))
+
+
 #: ``acc: x=1 y=2``; ``Accel: 1, 2, 3``; ``ax: 8,06 ay: …``; a number before the names, ``1234 ax: …``, ``I (1234) IMU: …``
 LABEL = re.compile(rf"\b([A-Za-z_]\w{{0,{LONGEST_NAME}}})\s{{0,9}}[:=]\s{{0,9}}(?=[xyzXYZ]\s{{0,9}}[:=])")
 _THREE = rf"({NUMBER})[,;\s]{{1,9}}+({NUMBER})[,;\s]{{1,9}}+({NUMBER})(?![\w.]|\s*[:=])"
-LIST = re.compile(rf"\b([A-Za-z_][\w ]{{0,{LONGEST_NAME}}}?)\s{{0,9}}+[:=]\s{{0,9}}+[\[(]?\s{{0,9}}+{_THREE}")
+_OF = rf"\b([A-Za-z_][\w ]{{0,{LONGEST_NAME}}}?)"
+LIST = re.compile(rf"{_OF}(?:\s{{0,9}}\(([^()]{{1,20}})\))?\s{{0,9}}+(?:[:=]\s{{0,9}}+[\[(]?|\[)\s{{0,9}}+{_THREE}")
 WITH_COMMA = re.compile(r"[:=]\s*[-+]?\d+,\d+(?=\s*(?:[A-Za-z;|]|$))")
 LEADING = re.compile(r"\s*+(?:[IWEDV]\s*+\()?(\d++(?:\.\d++)?)\)?(?:\s*+[,:;])?\s++(?=[A-Za-z])")
 STAMP = "stamp"
@@ -220,7 +271,7 @@ def _pairs(line: str, stamped: bool, commas: bool) -> list[tuple[str, str, str]]
         line = re.sub(r"(?<=\d),(?=\d)", ".", line)
     lead = LEADING.match(line) if stamped else None
     line = LABEL.sub(r"\1 ", line if lead is None else line[lead.end() :])
-    line = LIST.sub(r"\1 x: \2, \1 y: \3, \1 z: \4", line)
+    line = LIST.sub(r"\1 x: \3, \1 y: \4, \1 z: \5 \2", line)
     before, named, at = "", [], 0
     while (match := PAIR.search(line, at)) is not None:
         name, value, at = match["name"].strip(), match["value"], match.end()

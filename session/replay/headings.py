@@ -19,19 +19,19 @@ from session.replay.named import ENDINGS
 #: what stands before or behind an axis, of a name in small letters without accents and without what is no letter
 USUAL = {
     "g": (
-        *("g", "gyr", "gyro", "gyros", "gyroscope", "gyroraw", "rawgyro", "w", "omega", "rate", "rot", "angular"),
+        *("g", "gy", "gyr", "gyro", "gyros", "gyrorate", "gyroscope", "gyroraw", "rawgyro", "w", "omega", "rate", "rot", "angular"),
         *("angularvelocity", "angvel", "angularrate", "rotationrate", "rotation", "rotations"),
         *("drehrate", "winkelgeschwindigkeit", "gyroskop", "vitesseangulaire", "velocidadangular", "velocidadeangular"),
         *("velocitaangolare", "giroscopio", "hoeksnelheid", "角速度", "陀螺仪"),
     ),
     "a": (
-        *("a", "acc", "accl", "accel", "accels", "accelerometer", "accelraw", "rawaccel", "f", "force", "specificforce"),
+        *("a", "ac", "acc", "accl", "accelero", "accel", "accels", "accelerometer", "accelraw", "rawaccel", "f", "force", "specificforce"),
         *("acceleration", "accelerations", "linearacceleration"),
         *("beschl", "beschleunigung", "beschleunigungssensor", "accelerometre", "accelerometro", "acelerometro"),
         *("aceleracion", "aceleracao", "accelerazione", "versnelling", "加速度", "加速度计"),
     ),
 }
-USUAL_TEMPERATURES = ("temp", "temperature", "tempc")
+USUAL_TEMPERATURES = ("temp", "temperature", "tempc", "tmp")
 #: words of a unit behind a name, as ``gyro_x_dps`` or ``accXmss``; rad alone is an angle's
 UNIT_ENDINGS = {
     kind[0]: {"".join(words): unit for words, unit in ENDINGS[kind].items() if unit not in COUNTS and words != ("rad",)}
@@ -150,7 +150,7 @@ def _written() -> dict[str, tuple[str, str]]:
 
 
 #: what says no more than that a column is of a sensor
-BEFORE = re.compile(r"^(?:imu|raw|data|sensor|msg|field)+")
+BEFORE = re.compile(r"^(?:imu|raw|data|scaled|sensor|msg|field)+")
 
 
 def refuse_angles(headers: Iterator[Sequence[str]], file: str) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
@@ -14,16 +13,14 @@ from session.base.numeric import held_for, new_readings, runs_of
 from session.base.questions import Question, QuestionsError
 from session.base.units import DEG, G
 from session.bench.session_file import ASSUMED, UNKNOWN
-from session.detect.axes import EXPLAINED, agreement
-from session.detect.stills import find_stills
 from session.log.arrays import USUAL_DPS, USUAL_G
 from session.log.config import Sensor
 from session.log.registers import DEFAULT, nearest_name, profile_of, require_profile
-from session.log.samples import Samples, pieces
+from session.log.samples import pieces
 from session.replay.dialects import OWN
-from session.replay.join import LEAST_GRAVITY, Joined, join
+from session.replay.join import LEAST_GRAVITY, Joined
 from session.replay.options import Answers
-from session.replay.sources import Source, sources_of
+from session.replay.sources import Source
 
 #: of a note on a full scale that nobody has stated
 ASSUMED_RANGE = "is assumed"
@@ -37,35 +34,8 @@ AT_LAST = 1.0005
 ABRUPT = 3
 #: a rate that small is a rest's, whose few values come again and again
 LEAST_AT_END = {"gyro": 60 * DEG, "accel": 1.5 * G}
-#: how people are told that the unit of a clock is known; how far the rates may be off in it, where the next unit is a thousand away
-BY_GRAVITY, SCALE_WITHIN = "by gravity's movement", 2.0
 #: of g, the most that readings have as their median length: twice, whatever the scale's error
 MOST_GRAVITY = 2.0
-
-
-def with_unit_by_gravity(paths: Sequence[Path], answers: Answers, columns: Sequence[str], asked: QuestionsError) -> Answers:
-    """The answers with the one unit of the clock in which the rates make gravity's movement; raises ``asked`` where that is not what was
-    asked alone, and where none fits, as at rest, or several."""
-    units = [question.units for question in asked.questions]
-    among = [unit for unit in units[0] if all(unit in each for each in units)]
-    told = [replace(answers, time_unit=unit) for unit in among]
-    fits = [each for each in told if _gravity_agrees(paths, each, columns)]
-    if len(fits) != 1:
-        raise asked
-    return fits[0]
-
-
-def _gravity_agrees(paths: Sequence[Path], answers: Answers, columns: Sequence[str]) -> bool:
-    """Whether the rates of a log, read so, explain how gravity moves in the sensor, at about their size."""
-    with sources_of(paths, answers, columns) as sources:
-        answers, _ = with_sensor(sources, with_comments(answers, sources))
-        joined = join(sources, answers.odr_hz)
-        answers, _ = with_full_scales(sources, joined, answers)
-    units = sensor_of(answers).register_units
-    factors = joined.gyro_layout.gyro_si(units), joined.accel_layout.accel_si(units)
-    samples = Samples(joined.t_ns, joined.gyro * factors[0], joined.accel * factors[1])
-    found = agreement(samples, find_stills(samples)[0]) if (np.diff(samples.t_ns) > 0).all() else None
-    return found is not None and found.misfit < EXPLAINED and 1 / SCALE_WITHIN < found.scale < SCALE_WITHIN
 
 
 def with_comments(answers: Answers, sources: Sequence[Source]) -> Answers:

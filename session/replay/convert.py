@@ -31,17 +31,17 @@ from session.log.standard import flags_of
 from session.log.written import LATITUDE_REMOVES, toml_text
 from session.replay.answers import (
     ASSUMED_RANGE,
-    BY_GRAVITY,
     sensor_of,
     with_comments,
     with_full_scales,
     with_sensor,
-    with_unit_by_gravity,
 )
 from session.replay.clock import TOLD
 from session.replay.dialects import OWN
+from session.replay.guesses import Guess, answered, contradicted
 from session.replay.join import Joined, join
 from session.replay.options import AXES, Answers
+from session.replay.recognise import UnknownColumnsError
 from session.replay.sources import Source, sources_of
 from session.replay.took import said_took
 
@@ -97,9 +97,18 @@ def convert(
         require_empty(out, "exists; give --out a new folder, or add to the session there with --add log or --add closure")
     try:
         return _converted(paths, out, answers, add, serial, columns)
-    except QuestionsError as asked:
-        answers = with_unit_by_gravity(paths, answers, columns, asked)
-    return _converted(paths, out, answers, add, serial, columns, BY_GRAVITY)
+    except (QuestionsError, UnknownColumnsError) as asked:
+        guess = answered(paths, answers, columns, asked)
+    except _Contradicted as found:
+        guess = found.guess
+    return _converted(paths, out, answers, add, serial, columns, guess)
+
+
+class _Contradicted(Exception):  # no error: the log is read again
+    """Physics contradicts what the log states of its units."""
+
+    def __init__(self, guess: Guess):
+        self.guess = guess
 
 
 def _converted(
@@ -109,18 +118,23 @@ def _converted(
     add: str | None,
     serial: str,
     columns: Sequence[str],
-    known: str = "",
+    guess: Guess | None = None,
 ) -> Imported:
-    """known: how the unit of the clock is, where the person has not said it."""
+    """guess: what physics decides of the log's units.  Raises ``_Contradicted`` where there is none, and physics contradicts the log's."""
+    known = Guess() if guess is None else guess
+    answers = known.answers(answers)
     with sources_of(paths, answers, columns) as sources:
-        for source in sources if known else ():
-            source.layout = replace(source.layout, sources={**source.layout.sources, "time": known})
-            source.notes = [note.replace(f"in {answers.time_unit} {TOLD}", f"in {answers.time_unit} {known}") for note in source.notes]
+        for source in sources if known.by else ():
+            source.layout = known.layout(source.layout)
+            in_unit = f"in {answers.time_unit} "
+            source.notes = [note.replace(f"{in_unit}{TOLD}", f"{in_unit}{known.by.get('time', TOLD)}") for note in source.notes]
         answers = with_comments(answers, sources)
         if add:
             answers = _as_in(read_config(out / "session.toml").sensor, answers)
         answers, assumed = with_sensor(sources, answers)
         joined = join(sources, answers.odr_hz, answers.even)
+        if guess is None and not add and (found := contradicted(joined, answers)) is not None:
+            raise _Contradicted(found)
         answers, ranges = with_full_scales(sources, joined, answers)
         assumed = (*assumed, *ranges)
         with folder_whole(out) as work:

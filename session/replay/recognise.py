@@ -12,11 +12,11 @@ from session.base.errors import FormatError
 from session.base.numeric import median_length
 from session.base.questions import Question, QuestionsError
 from session.base.texts import letters_of, shell_word
-from session.base.units import COUNTS, ENDINGS, NS_PER_S, STAMP_NS, WORDS, G, Unit, known, parse_unit
+from session.base.units import COUNTS, ENDINGS, NS_PER_S, STAMP_NS, TIME, WORDS, G, Unit, known, parse_unit
 from session.log.layout import Triad, three
 from session.log.one_sensor import MOST_SENSORS, Form
 from session.log.standard import MOST_NAMES, parse_header, with_degrees
-from session.replay.clock import CLOCKS, TOLD, exact_ns, find_clock, holds_intervals
+from session.replay.clock import CLOCKS, SENSORS_HZ, TOLD, exact_ns, find_clock, holds_intervals
 from session.replay.columns import DELIMITERS, Column, from_columns, split
 from session.replay.dialects import DIALECTS, OTHER, OWN, Dialect, TableLayout
 from session.replay.headings import name_and_unit, refuse_angles, spread, usual_columns
@@ -35,6 +35,18 @@ NO_TIME = "when its samples were taken (it has no time stamps)"
 BY_HEADER, DOCUMENTED = "header", "as that program documents"
 #: how well a header fits (the more the better), its line, delimiter, dialect or None for our own, {what: column}, names
 Match = tuple[tuple[int, int], int, str | None, Dialect | None, dict[str, Column], tuple[str, ...]]
+
+
+class UnknownColumnsError(FormatError):
+    """A table that does not say what its columns are: as its numbers look, ``--columns`` without units, or ""; stamped: whether one of
+    them is a clock; time_units: that are plausible for it, none for a time of day."""
+
+    def __init__(self, where: str, text: str, columns: str = "", stamped: bool = False, time_units: tuple[str, ...] = ()):
+        super().__init__(f"{where}: {text}")
+        self.file, _, form = where.partition(", ")
+        self.dialect, self.columns, self.stamped, self.time_units = form or "no header", columns, stamped, time_units
+
+    rate = Question(NO_TIME, "--odr HZ", "the true data rate")
 
 
 def recognise(lines: list[str], name: str, answers: Answers, picking: str | None = None, form: str = "") -> TableLayout:
@@ -95,18 +107,26 @@ def _like(text: str) -> Dialect | str:
     return dialect
 
 
-def _unknown(lines: list[str], name: str, form: str) -> FormatError:
+def _unknown(lines: list[str], name: str, form: str) -> UnknownColumnsError:
     """The refusal of a log that says nothing of its columns, with the option that names them, ready to edit; form: of its lines."""
     where = f"{name}{f', {form}' if form else ''}"
     table = _suggested(lines)
+    known = "no header of a log that is known (import --list)"
     if table is None:
-        begins = f"it begins {_first(lines)!r}"
-        return FormatError(f"{where}: no header of a log that is known (import --list); {begins}: name its columns, --columns {HOW}")
-    edit = f"{table[1]} (as its numbers look; put the units, and correct it)"
-    rates = "" if " t" in table[1] or "'t" in table[1] else " and --odr HZ, as it has no stamps"
+        return UnknownColumnsError(where, f"{known}; it begins {_first(lines)!r}: name its columns, --columns {HOW}")
+    count, entries, names, units = table
+    called = {column: _called(names, column) for _, _, column in entries}
+    stamped = entries[0][0] == "t"
+    listed = ",".join(f"{key}{'_' * bool(unit)}{unit}={called[column]}" for key, unit, column in entries)
+    rates = "" if stamped else " and --odr HZ, as it has no stamps"
+    edit = f"--columns {shell_word(listed)} (as its numbers look; put the units, and correct it){rates}"
+    begins = f"no header, {count} columns of numbers; name them by number,"
     if re.search("[A-Za-z]", _first(lines)):
-        return FormatError(f"{where}: no header of a log that is known (import --list); it begins {_first(lines)!r}: give {edit}{rates}")
-    return FormatError(f"{where}: no header, {table[0]} columns of numbers; name them by number, {edit}{rates}")
+        begins = f"{known}; it begins {_first(lines)!r}: give"
+    by_name = not any(name.isdigit() for name in called.values())
+    bare = ",".join(f"{key}={called[column] if by_name else column + 1}" for key, _, column in entries)
+    both = len(entries) - stamped == 6
+    return UnknownColumnsError(where, f"{begins} {edit}", bare if both else "", stamped, units)
 
 
 def _first(lines: list[str]) -> str:
@@ -408,8 +428,9 @@ GRAVITY = (("mps2", G), ("g", 1.0), ("mg", 1e3), ("", 16384.0), ("", 8192.0), ("
 NEAR = 0.1
 
 
-def _suggested(lines: Sequence[str]) -> tuple[int, str] | None:
-    """How many columns, and ``--columns 't_UNIT=1,gx_UNIT=2,…'`` for a log that begins with these lines; None where they are no table.
+def _suggested(lines: Sequence[str]) -> tuple[int, list[tuple[str, str, int]], list[str], tuple[str, ...]] | None:
+    """Of a log that begins with these lines: how many columns, the entries of ``--columns`` (``gx``, ``UNIT``, column), the columns' names,
+    and plausible units of the clock; None where they are no table.
 
     The accelerometer is the triad that is as long as gravity, the gyroscope one beside it: a person looks at it and corrects it.
     """
@@ -429,13 +450,13 @@ def _suggested(lines: Sequence[str]) -> tuple[int, str] | None:
     accel = next((c for c in apart if gyro is not None and c >= gyro + 3), None) if accel is None else accel
     if gyro is None and accel is None:
         return None
-    entries = [] if time is None else [f"t{'' if time in clocks else '_' + _unit('time', names[time], UNIT)}={_called(names, time)}"]
+    entries = [] if time is None else [("t", "" if time in clocks else _unit("time", names[time], UNIT), time)]
     for kind, first, word in (("gyro", gyro, unit and UNIT), ("accel", accel, unit)):
-        for place, axis in enumerate("xyz" if first is not None else ""):
-            column = (first or 0) + place
-            stated = _unit(kind, names[column], word)
-            entries.append(f"{kind[0]}{axis}{'_' * bool(stated)}{stated}={_called(names, column)}")
-    return count, f"--columns {shell_word(','.join(entries))}"
+        columns = range(first, first + 3) if first is not None else ()
+        entries += [(f"{kind[0]}{axis}", _unit(kind, names[column], word), column) for axis, column in zip("xyz", columns, strict=False)]
+    step = 0.0 if time is None or time in clocks else float(np.median(np.diff(values[:, time])))
+    hz = {word: NS_PER_S / (step * TIME[word]) for word in ("s", "ms", "us", "ns") if step > 0}
+    return count, entries, names, tuple(word for word in hz if SENSORS_HZ[0] <= hz[word] <= SENSORS_HZ[1])
 
 
 def _table(lines: Sequence[str], delimiter: str | None) -> tuple[np.ndarray, set[int], list[str]]:

@@ -47,6 +47,7 @@ FUNCTIONS = {
     "import": "tinygc.import_log",
     "board": "tinygc.simulation.virtual_board.VirtualBoard",
     "record": "session.bench.guided_session.GuidedRecording",
+    "view": "tinygc.reporting.view.page.whole_page",
     "noise": "tinygc.estimate_noise",
     "noise record": "session.bench.rest_guide.RestGuide",
     "table": "tinygc.features.tables.machines.makes.open_table",

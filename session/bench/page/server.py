@@ -18,6 +18,7 @@ from collections.abc import Callable
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.resources import files
+from importlib.resources.abc import Traversable
 from typing import Any, cast
 
 from session.base.errors import CalibrationError
@@ -101,6 +102,8 @@ class Handler(BaseHTTPRequestHandler):
         elif (name or PAGE) in server.pages:
             name = name or PAGE
             self._answer(HTTPStatus.OK, TYPES[name.rpartition(".")[2]], server.pages[name])
+        elif server.asked is not None and (found := server.asked(name)) is not None:
+            self._answer(HTTPStatus.OK, "application/json", found)
         elif name == REPORT and server.report is not None and (report := server.report()) is not None:
             self._answer(HTTPStatus.OK, HTML, report, REPORT_HEADERS)
         else:
@@ -117,7 +120,7 @@ class Handler(BaseHTTPRequestHandler):
             self._refuse(HTTPStatus.NOT_FOUND)
         elif not (length.isascii() and length.isdecimal() and len(length) < 6 and int(length) <= LONGEST):
             self._refuse(HTTPStatus.REQUEST_ENTITY_TOO_LARGE)
-        elif (status := server.wishes.hear(self.rfile.read(int(length)))) is HTTPStatus.OK:
+        elif (status := server.heard(self.rfile.read(int(length)))) is HTTPStatus.OK:
             self._answer(status, "text/plain; charset=utf-8", b"")
         else:
             self._refuse(status)
@@ -187,11 +190,15 @@ class PageServer(ThreadingHTTPServer):
     request_queue_size = 2 * MOST_CONNECTIONS  #: a browser requests all files of the page at once
     block_on_close = False
 
-    def __init__(self, host: str = LOOPBACK, port: int = 0):
+    def __init__(self, host: str = LOOPBACK, port: int = 0, folder: Traversable | None = None):
+        """folder: of the page's files, if not those of a recording."""
         self.token = secrets.token_urlsafe(18)
         self.wishes, self.closing = BrowserCommands(), False
+        self.heard = self.wishes.hear  #: takes a command
+        self.asked: Callable[[str], bytes | None] | None = None  #: returns the JSON of a name, None of one that is not known
         self.report: Callable[[], bytes | None] | None = None  #: returns the session's report, None without one
-        self.pages = {path.name: path.read_bytes() for path in files("session.bench.page").joinpath("files").iterdir() if "." in path.name}
+        folder = folder or files("session.bench.page").joinpath("files")
+        self.pages = {path.name: path.read_bytes() for path in folder.iterdir() if "." in path.name}
         self._clients: set[LatestEvents] = set()
         self.visited = False  #: whether any browser has ever connected
         self._last: dict[str, bytes] = {}

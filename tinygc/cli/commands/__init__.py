@@ -24,6 +24,7 @@ COMMANDS = {
     "record": ("record", "record a guided session from a serial port", "bench"),
     "import": ("import_", "make a session folder of any program's log", "bench"),
     "check": ("check", "whether a session can be fitted; list a folder's sessions", "bench"),
+    "view": ("view", "look at a recording; leave out turns, move stills", "bench"),
     "sensors": ("sensors", "the known sensors, or all about one of them", "bench"),
     "fit": ("fit", "fit the calibration and test it on held-out turns", "result"),
     "explain": ("explain", "why the recording differs from the model", "result"),

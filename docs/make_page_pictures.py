@@ -1,7 +1,7 @@
 """Make the pictures of the page beside a recording again: python docs/make_page_pictures.py
 
-A hand turns a simulated board as the coach says; the page is photographed in a headless Chromium at five moments, and so is the first
-screen of the report of data/session1.  Needs Chromium and matplotlib's Pillow.
+A hand turns a simulated board as the coach asks; the page is photographed in a headless Chromium at two moments.  Needs Chromium and
+matplotlib's Pillow.
 """
 
 from __future__ import annotations
@@ -9,7 +9,6 @@ from __future__ import annotations
 import argparse
 import base64
 import io
-import subprocess
 import sys
 import tempfile
 import time
@@ -22,7 +21,6 @@ from browser import Browser, browser_path  # noqa: E402
 from coached_hand import CoachedHand  # noqa: E402
 from PIL import Image  # noqa: E402
 
-from session.bench.messages import Stage  # noqa: E402
 from session.bench.page.server import PageServer  # noqa: E402
 
 COLOURS = 128
@@ -33,15 +31,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=Path(__file__).parent)
     parser.add_argument("--only", default="", help="pictures whose names hold this")
-    parser.add_argument("--report", type=Path, help="a report to photograph (default: one is made of data/session1)")
     args = parser.parse_args()
     path = browser_path()
     if path is None:
         sys.exit("no Chromium here")
     with tempfile.TemporaryDirectory() as profile, Browser(path, Path(profile)) as browser:
         moments(browser, args)
-        if args.only in "view-report":
-            report(browser, args)
 
 
 def moments(browser: Browser, args: argparse.Namespace) -> None:
@@ -50,34 +45,12 @@ def moments(browser: Browser, args: argparse.Namespace) -> None:
     server.start()
     hand = CoachedHand(server)
     try:
-        hand.until(lambda guide: guide.stage is Stage.HOLD_STILL and (guide.instruction.part or 0) > 0.6)
-        shoot(browser, server, args, "view-1-still", WIDE)
-        hand.until(lambda guide: guide.accepted == 4 and guide.stage is Stage.TURN and guide.requested is not None)
-        shoot(browser, server, args, "view-2-wanted", WIDE)
         hand.until(lambda guide: guide.accepted >= 4 and guide.turning and guide.turn.path_rad > 0.7)
         shoot(browser, server, args, "view-3-turning", WIDE)
-        hand.until(lambda guide: guide.accepted >= 5 and guide.stage is Stage.HOLD_STILL and 0.3 < (guide.instruction.part or 0) < 0.8)
-        shoot(browser, server, args, "view-4-closure", WIDE, dark=True)
         hand.until(lambda guide: guide.accepted >= 10 and guide.turning and guide.turn.path_rad > 0.7)
-        shoot(browser, server, args, "view-5-late", WIDE)
         shoot(browser, server, args, "view-narrow", NARROW, dark=True)
-        hand.until(lambda guide: guide.stage is Stage.DONE)
-        server.publish("end", {"words": "The files are closed.", "command": "calibrate.py report data/session2", "report": "offered"})
-        shoot(browser, server, args, "view-6-done", WIDE)
     finally:
         server.close()
-
-
-def report(browser: Browser, args: argparse.Namespace) -> None:
-    """Its first screen."""
-    with tempfile.TemporaryDirectory() as folder:
-        made = args.report or Path(folder) / "report.html"
-        if not args.report:
-            subprocess.run(
-                [sys.executable, "calibrate.py", "report", "data/session1", "--out", str(made), "--quiet"], cwd=ROOT, check=False
-            )
-        browser.open(made, *WIDE)
-        keep(browser, args.out / "view-report.png", WIDE)
 
 
 def shoot(browser: Browser, server: PageServer, args: argparse.Namespace, name: str, size: tuple[int, int], dark: bool = False) -> None:

@@ -11,7 +11,6 @@ import numpy as np
 import processes
 import pytest
 
-import calibrate
 import tinygc
 from tinygc.cli.arguments import parser
 from tinygc.cli.commands import commands as all_commands
@@ -25,7 +24,7 @@ FOLDERS = (ROOT, ROOT / "benchmarks", ROOT / "data", ROOT / "tests")
 PAGES = sorted([*(path for folder in FOLDERS for path in folder.glob("*.md")), *DOCS.rglob("*.md")])
 LINK = re.compile(r"\]\((?!https?:)([^)#\s]*)(?:#([^)\s]+))?\)")
 INDEX = DOCS / "index.md"
-README_LINES = 90
+README_LINES = 80
 #: the two commands that a reader runs first; each installs what it needs
 SET_UP = """```
 python -m pip install -e . -c constraints.txt && python calibrate.py fit data/session1
@@ -169,15 +168,3 @@ def test_the_python_and_the_c_that_apply_a_model_agree(tmp_path, monkeypatch):
         answered = np.zeros((200, 3))
         ctypes.CDLL(str(tmp_path / f"{path.stem}.so")).apply(ctypes.c_void_p(answered.ctypes.data))
         np.testing.assert_allclose(answered, expected, rtol=0, atol=2e-6)
-
-
-@pytest.mark.broad
-def test_what_the_pages_show_of_fit_is_what_fit_prints(monkeypatch, capsys, tmp_path):
-    """The lines in the README and the whole screen in the tutorial, to the digit."""
-    monkeypatch.chdir(ROOT)
-    assert calibrate.main(["fit", "data/session1", "--out", str(tmp_path)]) == 0
-    printed = [line.rstrip() for line in capsys.readouterr().out.replace(str(tmp_path), "data/session1/fit").splitlines()]
-    (shown,) = (block for block in blocks(ROOT / "README.md", "") if "PASS" in block)
-    assert set(shown.splitlines()) <= set(printed)
-    (screen,) = (block for block in blocks(DOCS / "tutorial.md", "") if "PASS" in block)
-    assert screen.splitlines() == printed

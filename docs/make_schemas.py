@@ -116,11 +116,29 @@ TYPES: dict[str, dict] = {
 def schemas() -> dict[str, dict]:
     """File name -> each schema."""
     made = {name: json_schema(record_of(kind)) for name, kind in _records().items()}
-    for page in sorted(DOCS.rglob("*.md")):
-        for name, rows in TYPED.findall(page.read_text(encoding="utf-8")):
-            keys = dict(each for row in rows.splitlines() for each in _typed_keys(row))
-            made[name] = {"description": f"docs/{page.relative_to(DOCS).as_posix()}"} | _table_of(keys | {("schema",): f'"{name}"'})
+    made |= {name: _table_of(keys | {("schema",): f'"{name}"'}) for name, keys in typed_keys().items()}
     return {file_of(name): {"$schema": DIALECT, "title": name} | schema for name, schema in made.items()}
+
+
+def typed_keys() -> dict[str, dict[tuple[str, ...], str]]:
+    """Format -> the type of each key that a page gives, those of other formats' tables included."""
+    found = [each for page in sorted(DOCS.rglob("*.md")) for each in TYPED.findall(page.read_text(encoding="utf-8"))]
+    keys = {name: dict(each for row in rows.splitlines() for each in _typed_keys(row)) for name, rows in found}
+    for own in keys.values():
+        for path, text in list(own.items()):
+            if of := OF_ANOTHER.fullmatch(text):
+                del own[path]
+                own |= _within(keys[of[1]], of[2].split("."), path, of[3] or "")
+    return keys
+
+
+def _within(keys: dict[tuple[str, ...], str], root: list[str], path: tuple[str, ...], mark: str) -> dict[tuple[str, ...], str]:
+    """The keys at and below ``root``, at ``path`` instead; mark: of the root, in the place of its own."""
+    count = len(root)
+    inner = {key: text for key, text in keys.items() if [part.removesuffix("[]") for part in key[:count]] == root}
+    listed = any(key[count - 1].endswith("[]") for key in inner)
+    moved = {(*path[:-1], path[-1] + "[]" * listed, *key[count:]): text for key, text in inner.items() if len(key) > count}
+    return {path: MARKED.fullmatch(inner.get(tuple(root), "list" if listed else "table"))[1] + mark} | moved  # type: ignore[index]
 
 
 def file_of(name: str) -> str:
@@ -133,6 +151,8 @@ TYPED = re.compile(r"^## `(tinygc-\S+)`\n(?:(?!#|\|).*\n)*\| key \| type \| mean
 #: what parts types, but not within quotes
 UNQUOTED = r'(?=(?:[^"]*"[^"]*")*[^"]*$)'
 SHAPED = re.compile(r"(list|[\dn×]+)\[(.*)\]")
+#: the same as a key of another format: its name, the key, and a mark
+OF_ANOTHER = re.compile(r"(tinygc-[\w-]+/\d+)#([\w.]+)(\?| (?:with|unless) `\w+`)?")
 MARKED = re.compile(r"(.*?)(?:(\?)| (with|unless) `(\w+)`)?")
 
 

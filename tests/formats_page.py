@@ -45,7 +45,10 @@ def maker():
     return module
 
 
+@cache
 def keys_on_page(schema: str) -> list[tuple[str, ...]]:
+    if typed := maker().typed_keys().get(schema):
+        return list(typed)
     return [tuple(path.split(".")) for row in rows(f"`{schema}`") for word in CODE.findall(row[0]) for path in maker().expanded(word)]
 
 

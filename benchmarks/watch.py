@@ -97,7 +97,7 @@ def windows(
         number += 1
 
 
-def judged(chosen: Settings, rate: np.ndarray, gravity: np.ndarray, direction: np.ndarray) -> Window:
+def result(chosen: Settings, rate: np.ndarray, gravity: np.ndarray, direction: np.ndarray) -> Window:
     """A window as the detector has it."""
     copies = rate.shape[1]
     return Window(rate, gravity, direction, np.zeros(copies), np.ones((2, copies)))
@@ -119,7 +119,7 @@ def run_lengths() -> None:
             filters.predict()
             if new:
                 filters.new_rest()
-            found = filters.judge(judged(chosen, rate, gravity, direction))
+            found = filters.evaluate(result(chosen, rate, gravity, direction))
             alarms += (found.alarm != 0).any(axis=0)
             channels += (found.alarm != 0).sum(axis=1)
             hit = (found.alarm != 0).any(axis=0) & (first == 0)
@@ -196,7 +196,7 @@ def recorded() -> None:
                 stamps = np.rint(t_s[part] * NS_PER_S).astype(np.int64)
                 events += [each for each in watch.take(Applicable(stamps, rate[part], force[part], None)) if each.kind == "alarm"]
             list(watch.end())
-            z = np.array([judged.z[:, 0] for _, judged in watch._records])
+            z = np.array([result.z[:, 0] for _, result in watch._records])
             channels = ", ".join(f"{each.table['channel']} at {each.t_s + t_s[seen.start]:.0f} s" for each in events) or "none"
             which = "first" if seen.start == 0 else "second"
             rms = " ".join(f"{each:.2f}" for each in np.sqrt(np.mean(z**2, axis=0)))

@@ -70,7 +70,7 @@ def options_of(args: argparse.Namespace) -> Any:
     kind, *more = args.kinds
     options = take_defaults(from_arguments(kind, args))
     options = replace(options, of_features=tuple(from_arguments(each, args) for each in more))
-    refuse_overwriting(options, args.command)
+    refuse_overwriting(options, args.command_name)
     return options
 
 
@@ -296,7 +296,7 @@ def parser(words: Sequence[str] = ()) -> argparse.ArgumentParser:
         kinds = [module.Options, *features.each(f"options of {name}")]
         for kind in kinds:
             add_arguments(command, kind)
-        command.set_defaults(run=module.run, command=name, kinds=kinds)
+        command.set_defaults(run=module.run, command_name=name, kinds=kinds)
     return whole
 
 

@@ -151,7 +151,7 @@ def test_verify_and_watch_say_the_same_of_a_rest(model, today, run, tmp_path, sh
     said = [run("verify", model, log.parent)[:2], run("watch", model, log)[:2]]
     assert [code for code, _ in said] == [code, code]
     assert [each for each in words if each not in said[0][1]] == []
-    costs = [float(re.search(r"(?:next minute|attitude by) ([\d.]+)°", " ".join(out.splitlines())).group(1)) for _, out in said]
+    costs = [float(re.search(r"(?:next minute|zero error) ([\d.]+)°", " ".join(out.splitlines())).group(1)) for _, out in said]
     assert costs == pytest.approx([60 * np.sqrt(3) * shift] * 2, rel=0.05, abs=1.0)
 
 

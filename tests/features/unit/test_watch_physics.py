@@ -29,7 +29,7 @@ from tinygc.estimation.spread import ZERO
 from tinygc.features.unit.watch import source
 from tinygc.features.unit.watch.alarms import AlarmCommand, JsonLines
 from tinygc.features.unit.watch.bars import bar_of, run_length, squares_run_length
-from tinygc.features.unit.watch.detector import PROCESSES, Detector, Judged, Reading, Window, ZeroFilter, _response, change_of
+from tinygc.features.unit.watch.detector import PROCESSES, Detector, Reading, Window, WindowResult, ZeroFilter, _response, change_of
 from tinygc.features.unit.watch.expectation import (
     BLOCKS,
     CLIP,
@@ -118,8 +118,8 @@ WINDOW_S = 1.92
 
 
 def windows(detector: Detector, *parts) -> list:
-    """Judged windows of readings."""
-    return [judged for part in parts for _, judged in detector.feed(part.gyro, part.accel, part.temp) if judged is not None]
+    """WindowResult windows of readings."""
+    return [result for part in parts for _, result in detector.feed(part.gyro, part.accel, part.temp) if result is not None]
 
 
 NO_SENSOR = Surroundings(KnownSensor(), None, "none", "")
@@ -131,10 +131,10 @@ def test_a_rest_gives_its_zero_and_gravity():
     detector = Detector(chosen(earth_rps=earth))
     part = samples(60, 1, zero - [0, 0, earth / DEG])
     exact = dataclasses.replace(part, gyro=np.tile(zero * DEG - [0, 0, earth], (6000, 1)), accel=np.tile([0.0, 0, -G], (6000, 1)))
-    for window in (judged.window for judged in windows(Detector(detector.chosen), exact)):
+    for window in (result.window for result in windows(Detector(detector.chosen), exact)):
         assert_allclose(window.rate[:, 0] * detector.chosen.rate_sigma_rps, zero * DEG, rtol=1e-9)
         assert_allclose(window.direction[:, 0], [0, 0, -1], atol=1e-12)
-    found = [judged.window for judged in windows(detector, part)]
+    found = [result.window for result in windows(detector, part)]
     assert len(found) == (60 / 0.12 - 2) // BLOCKS  # but the first block, and the one that shows the end
     of_one = np.std([[*window.rate[:, 0], window.gravity[0]] for window in found], axis=0)
     assert_allclose(of_one, 1, atol=4 / np.sqrt(2 * len(found)))
@@ -217,7 +217,7 @@ def test_the_filters_are_the_textbooks():
         filters.predict()
         if k in (100, 200):
             filters.new_rest()
-        z.append(filters.judge(reading(np.full((3, 1), rates[k]), gravity[k], warmer[k], along[k])).z[[0, 3], 0])
+        z.append(filters.evaluate(reading(np.full((3, 1), rates[k]), gravity[k], warmer[k], along[k])).z[[0, 3], 0])
     n, one = PROCESSES, np.ones((300, PROCESSES + 1))
     P = np.diag([of.offset, *np.zeros(n), of.attitude, of.per_k])
     H, decay, drive = np.column_stack([one[:, 0], one, warmer]), np.r_[1.0, c.decay, 1.0, 1.0], [of.walk, *of.drive, 0, 0]
@@ -248,7 +248,7 @@ def test_one_window_alone_never_alarms(size, z):
         filters.predict()
         before, gravity = filters.rate.x.copy(), filters.gravity.x.copy()
         off = size if number == 30 else 0.0
-        found = filters.judge(reading(np.full((3, 1), off), off))
+        found = filters.evaluate(reading(np.full((3, 1), off), off))
         assert not found.alarm.any()
         if z is not None and number == 30:
             assert ((found.z == z).all(), (filters.rate.x == before).all(), (filters.gravity.x == gravity).all()) == (True, True, True)
@@ -259,7 +259,7 @@ def test_after_an_alarm_the_reading_is_the_new_state(rate, gravity, alarm):
     filters, alarms = ZeroFilter(chosen()), []
     for number in range(200):
         filters.predict()
-        found = filters.judge(reading(np.full((3, 1), rate * (number >= 100)), gravity * (number >= 100)))
+        found = filters.evaluate(reading(np.full((3, 1), rate * (number >= 100)), gravity * (number >= 100)))
         if found.alarm.any():
             alarms.append(found.alarm[:, 0].tolist())
             number_of_test = found.shift[np.nonzero(alarm), 0].ravel()
@@ -277,7 +277,7 @@ def test_an_alarm_opens_the_new_state_by_the_variance_of_the_reading():
     filters.predict()
     filters.cusum[:] = 100.0
     before, of_gravity = filters.rate.P.copy(), filters.gravity.P.copy()
-    found = filters.judge(reading(np.full((3, 1), 2.0), -50.0))
+    found = filters.evaluate(reading(np.full((3, 1), 2.0), -50.0))
     assert found.alarm.all()
     assert filters.rate.x[0, :, 0] == pytest.approx([2.0] * 3)
     assert (filters.rate.P[0, 0] - before[0, 0]) == pytest.approx(found.sigma[0] ** 2)
@@ -293,7 +293,7 @@ def test_a_window_has_the_noise_of_the_last_64_and_its_own_from_twice_that_on(be
     c = chosen()
     filters = ZeroFilter(c)
     filters.noise[:] = before
-    found = filters.judge(dataclasses.replace(reading(np.zeros((3, 1))), scatter=np.full((2, 1), ratio)))
+    found = filters.evaluate(dataclasses.replace(reading(np.zeros((3, 1))), scatter=np.full((2, 1), ratio)))
     own = c.rate.offset + c.rate.attitude, c.gravity.offset + c.gravity.attitude
     assert found.sigma[:, 0] ** 2 - own == pytest.approx([wide, wide], rel=1e-6)
 
@@ -364,7 +364,7 @@ def records(mean: np.ndarray, sigma: float = 1.0) -> list[Reading]:
     """Windows 2 s apart with these innovations of gravity, in sigmas."""
     none = np.zeros((5, 1))
     window, one = reading(np.zeros((3, 1))), np.array([[1.0], [sigma]])
-    return [(2.0 * i, Judged(window, np.array([[0.0], [0.0], [0.0], [z]]), one, none, none, none, none)) for i, z in enumerate(mean)]
+    return [(2.0 * i, WindowResult(window, np.array([[0.0], [0.0], [0.0], [z]]), one, none, none, none, none)) for i, z in enumerate(mean)]
 
 
 def forms_of(count: int, ramp: bool, places: int = 200) -> np.ndarray:
@@ -439,11 +439,11 @@ def test_the_response_is_what_the_filter_makes_of_a_change(ramp):
         filters.predict()
         before = filters.rate.x, filters.rate.P
         window = reading(np.outer([value * (number >= 20), 0.0, 0.0], [1, 2]), warmer=np.sin(number) * np.array([1, 2]))
-        judged = filters.judge(dataclasses.replace(window, scatter=np.array([[1.0, 3.0], [1.0, 3.0]])))
+        result = filters.evaluate(dataclasses.replace(window, scatter=np.array([[1.0, 3.0], [1.0, 3.0]])))
         if number == 25:
             filters.rate.x, filters.rate.P = before
-            judged = dataclasses.replace(judged, taken=np.array([False, True]))
-        rows.append((2.0 * number, judged))
+            result = dataclasses.replace(result, taken=np.array([False, True]))
+        rows.append((2.0 * number, result))
     found = _response(rows, np.array([20]), ramp, 0, c)[:, 0]
     assert found == pytest.approx(1e3 * np.array([each.whole[0, 0] for _, each in rows]), rel=1e-9, abs=1e-9)
 
@@ -500,7 +500,7 @@ def test_a_turn_states_the_sum_of_its_errors(variance):
     turn.add(np.tile([0.0, 0.0, 0.5], (401, 1)), np.zeros((401, 3)), np.full(401, 0.01))  # 4 s about the vertical, E without a slope
     own = (3e-4**2) * 4.0 + (4e-5 * 4.0) ** 2 + 5e-4**2 + 2 * (3e-3**2 + 2e-3**2 / 2.0) / G**2
     lever2 = (2 * np.sin(0.5 * 4.0 / 2) / 0.5) ** 2  # s^2: |integral of a vector that turns with 0.5 rad/s|
-    sigma_rad = TurnTest(expected, 1e6).judge(turn, down, down, variance, 2.0).sigma_rad
+    sigma_rad = TurnTest(expected, 1e6).evaluate(turn, down, down, variance, 2.0).sigma_rad
     assert sigma_rad == pytest.approx(np.sqrt(own + variance * lever2), rel=1e-4)
 
 
@@ -513,7 +513,7 @@ def test_a_turn_is_taken_by_the_textbooks_filter_and_an_alarm_opens_it(alarm):
     turn.add(*[np.tile([np.pi / 2, 0, 0], (101, 1))] * 2, np.full(101, 0.01))
     R, down, tilt = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]), np.array([0, 0, -1.0]), np.array([0.0, 2.5e-3, 0])
     test.sum = test.bar * alarm
-    _, sigma_rad, found, alarmed = test.judge(turn, down, R.T @ (down + np.cross(tilt, down)), 0.0, 2.0)
+    _, sigma_rad, found, alarmed = test.evaluate(turn, down, R.T @ (down + np.cross(tilt, down)), 0.0, 2.0)
     y, H = tilt[:2] / np.hypot(1, 2.5e-3), np.zeros((2, 12))
     H[:, :9] = turn.slope[:2]
     H[:, 9:] = np.array([[0.0, 1, 0], [-1, 0, 0]]) @ (R - np.eye(3)) / G  # down x v

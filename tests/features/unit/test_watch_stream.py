@@ -18,6 +18,7 @@ from watched import RATE_HZ, G, csv, joined, known, model_file, of_kind, samples
 import calibrate
 import tinygc
 from session.base.errors import CalibrationError
+from session.base.texts import significant
 from tinygc.features.unit.watch.alarms import JsonLines
 from tinygc.features.unit.watch.source import Remark
 from tinygc.features.unit.watch.watch import Watch
@@ -36,9 +37,9 @@ def test_the_last_line_has_the_zero_its_cost_and_what_a_switch_on_may_move(dps, 
     assert (end.table["held"], end.table["counts"]["not a number"]) == (held, 3)
     assert end.table["zero_dps"] == pytest.approx([dps, 0.0, 0.0], abs=5 * max(end.table["zero_sigma_dps"]))
     assert end.table["zero_cost_deg"] == pytest.approx(60 * np.linalg.norm(end.table["zero_dps"]), rel=1e-9)
-    assert end.words.startswith("holds" if held else f"undecided: no alarm, but a zero of +{end.table['zero_dps'][0]:.4f}")
-    allowed = np.sqrt(2) * 0.1  # of then and of today, 0.1 dps each
-    assert f"a switch-on may move each axis by 0.14 dps ({60 * allowed:.1f}°, one sigma)" in end.words
+    cost = f"zero error {significant(end.table['zero_cost_deg'], 2)}°/min"
+    assert end.words.startswith("HOLDS: no alarm in 1 rest, 0 turns, 0.02 h; " if held else "UNDECIDED: no alarm, but ")
+    assert (cost in end.words, "advice" in end.table) == (True, not held)
 
 
 def test_a_step_of_three_axes_is_one_alarm():
@@ -50,7 +51,7 @@ def test_a_step_of_three_axes_is_one_alarm():
     assert alarm.table["size_dps"] == pytest.approx(-2.0, abs=0.02)
     assert (alarm.table["began_s"], 40 < alarm.t_s < 48) == (pytest.approx(40, abs=2.5), True)
     assert alarm.table["cost_deg"] == pytest.approx(60 * np.linalg.norm(step), rel=0.05)
-    for words in ("zero y: a step of -2", "zero x: a step of +1", "a rest does not test E"):
+    for words in ("ALARM zero y: step of -2", "zero x: step of +1", "°/min"):
         assert words in alarm.words
 
 
@@ -58,7 +59,7 @@ def test_an_accelerometer_whose_unit_is_wrong_is_said():
     readings = samples(20, 1)
     end = watched(dataclasses.replace(readings, accel=readings.accel * G))[1][-1]
     assert end.table["held"] is None
-    assert "the accelerometer reads 96.2 m/s^2 on average, expected about 9.81: check its unit" in end.words
+    assert "force 96.2 m/s², expected 9.81: check its unit" in end.words
 
 
 def test_pieces_do_not_matter():
@@ -107,8 +108,9 @@ def model(tmp_path):
 def test_a_log_with_a_step_exits_with_1_and_says_why(tmp_path, model, capsys):
     (tmp_path / "log.csv").write_text(csv(STEP))
     assert run(model, tmp_path / "log.csv", "--json", tmp_path / "out.jsonl") == 1
-    said = capsys.readouterr().out
-    assert ("ALARM zero y" in said, "  rest" in said) == (True, False)
+    said, error = capsys.readouterr()
+    assert error == ""  # without --command, no program runs at the alarm
+    assert (said.startswith("DOES NOT HOLD: 1 alarm in "), "ALARM zero y" in said, "  rest" in said) == (True, True, False)
     tables = [json.loads(line) for line in (tmp_path / "out.jsonl").read_text().splitlines()]
     assert [table["event"] for table in tables if table["event"] != "remark"] == ["start", "alarm", "rest", "end"]
     found = tinygc.watch(model, tmp_path / "log.csv")
@@ -124,7 +126,7 @@ def test_a_log_that_holds_exits_with_0_and_one_without_rest_with_5(tmp_path, mod
     assert "rest of" in capsys.readouterr().out
     (tmp_path / "log.csv").write_text(csv(dataclasses.replace(readings, gyro=readings.gyro + np.sin(np.arange(2000))[:, None])))
     assert run(model, tmp_path / "log.csv") == 5
-    assert "undecided" in capsys.readouterr().out
+    assert "UNDECIDED: no rest" in capsys.readouterr().out
 
 
 def test_of_a_stream_that_never_rests_it_is_said_after_ten_minutes():

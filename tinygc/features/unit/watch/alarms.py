@@ -27,13 +27,13 @@ MOST_KEPT = 10_000
 
 
 class JsonLines:
-    """path: a file that is begun anew, or None for standard output; say: one line when writing fails, and when it works again.
+    """path: a new file, or None for standard output; report: one line when writing fails, and when it works again.
 
     Raises StorageError for a file that cannot be opened.
     """
 
-    def __init__(self, path: Path | None, say: Told):
-        self._path, self._say = path, say
+    def __init__(self, path: Path | None, report: Told):
+        self._path, self._report = path, report
         self._waiting: deque[bytes] = deque(maxlen=MOST_KEPT)
         self._whole = 0  # bytes of whole lines in the file
         self._lost, self._failed = 0, False
@@ -68,11 +68,11 @@ class JsonLines:
         except OSError as error:
             self._close()
             if not self._failed:
-                self._say(f"{self._path}: {error.strerror or error}; its lines are kept, and written as soon as they can be")
+                self._report(f"{self._path}: {error.strerror or error}; its lines are kept, and written as soon as they can be")
             self._failed = True
         else:
             if self._failed:
-                self._say(f"{self._path}: can be written again; {self._lost} lines were lost")
+                self._report(f"{self._path}: can be written again; {self._lost} lines were lost")
             self._failed = False
 
     def _close(self) -> None:
@@ -114,17 +114,17 @@ def words_of(text: str) -> list[str]:
 
 
 class AlarmCommand:
-    """Runs ``words`` for each alarm, beside the watch; say: one line of what went wrong."""
+    """Runs ``words`` for each alarm, while the watch goes on; report: one line of what went wrong."""
 
-    def __init__(self, words: list[str], say: Told, most_s: float = MOST_S):
-        self._words, self._say, self._most_s = words, say, most_s
+    def __init__(self, words: list[str], report: Told, most_s: float = MOST_S):
+        self._words, self._report, self._most_s = words, report, most_s
         self._running: list[threading.Thread] = []
 
     def __call__(self, line: str) -> None:
         """Start the command with a line at its standard input."""
         self._running = [thread for thread in self._running if thread.is_alive()]
         if len(self._running) >= MOST_RUNNING:
-            self._say(f"{self._words[0]}: {MOST_RUNNING} of it still run; not started for this alarm")
+            self._report(f"{self._words[0]}: {MOST_RUNNING} of it still run; not started for this alarm")
             return
         thread = threading.Thread(target=self._run, args=(line,), name="alarm", daemon=True)
         self._running.append(thread)
@@ -143,7 +143,7 @@ class AlarmCommand:
                 self._words, stdin=subprocess.PIPE, stdout=2, start_new_session=True, encoding="utf-8", errors="replace"
             )
         except (OSError, ValueError) as error:
-            self._say(f"{name}: cannot be run ({getattr(error, 'strerror', None) or error}); the watch goes on")
+            self._report(f"{name}: cannot be run ({getattr(error, 'strerror', None) or error}); the watch goes on")
             return
         try:
             process.communicate(line + "\n", timeout=self._most_s)
@@ -154,10 +154,10 @@ class AlarmCommand:
                 else:
                     process.kill()
             process.wait()
-            self._say(f"{name}: did not end within {self._most_s:g} s and was stopped; the watch goes on")
+            self._report(f"{name}: did not end within {self._most_s:g} s and was stopped; the watch goes on")
         except OSError as error:  # it closed its input
             process.wait()
-            self._say(f"{name}: {error.strerror or error}; the watch goes on")
+            self._report(f"{name}: {error.strerror or error}; the watch goes on")
         else:
             if process.returncode:
-                self._say(f"{name}: ended with code {process.returncode}; the watch goes on")
+                self._report(f"{name}: ended with code {process.returncode}; the watch goes on")

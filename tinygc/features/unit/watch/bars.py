@@ -1,4 +1,4 @@
-"""The bars of the sequential tests, from the mean run length to a false alarm that is asked for.
+"""The bars of the sequential tests, from the mean run length to a requested false alarm.
 
 A one-sided CUSUM of independent z ~ N(0, 1) for a shift of the mean by ``shift``:
 

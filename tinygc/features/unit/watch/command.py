@@ -42,9 +42,11 @@ def run(args: Options) -> int:
         raise CalibrationError(f"--follow: {source} is no file; a port, UDP and standard input are followed anyway")
     at_alarm = None if args.command is None else AlarmCommand(words_of(args.command), complain)
     lines = None if args.json is None else JsonLines(None if to_standard else args.json, complain)
-    shown = {"start", "alarm", "remark", "end"} | ({"rest", "turn"} if args.verbose else set())
+    is_log = args.source.is_file() and not args.follow  # whose answer is known before anything is printed
+    shown = {"alarm", "remark"} | ({"start"} if args.verbose or not is_log else set()) | ({"rest", "turn"} if args.verbose else set())
     interruption = Interruption()
-    alarmed, held = False, None
+    alarmed, held, advice = False, None, ""
+    later: list[str] = []
 
     def ended() -> bool:
         return interruption() or (alarmed and args.until_alarm)
@@ -52,7 +54,8 @@ def run(args: Options) -> int:
     with interruption:
         for event in events_of(args.model, source, part(args, SourceOptions), part(args, WatchOptions), ended):
             if event.kind in shown:
-                output(args).print(f"{event.t_s:10.1f} s  {event.words}")
+                (later.append if is_log else output(args).print)(f"{event.t_s:10.1f} s  {event.words}")
+            advice = event.table.get("advice", advice)
             if lines is not None:
                 lines.write(event.to_json())
             if event.kind == "alarm":
@@ -61,6 +64,8 @@ def run(args: Options) -> int:
                     at_alarm(json_line(event.to_json()))
             elif event.kind == "end":
                 held = event.table["held"]
+                for line in (event.words, *later, *([f"next: {advice}"] if advice else [])):
+                    output(args).print(line)
     if at_alarm is not None:
         at_alarm.wait()
     if lines is not None:

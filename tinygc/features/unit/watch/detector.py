@@ -52,7 +52,7 @@ class Window:
 
 
 @dataclass(frozen=True, eq=False)
-class Judged:
+class WindowResult:
     """What one window gave.
 
     whole (4, S): innovations in sigmas, of three axes and of gravity; sigma (2, S): of the innovations of an axis and of gravity,
@@ -78,7 +78,7 @@ class Filter:
     """A Kalman filter of n states over readings (A, S), A alike in each of S streams: ``walking`` ones, Gauss-Markov processes, attitude
     and the coefficient of temperature.
 
-    P (n, n, S) covariance, x (n, A, S); own (S,): variance of what each rest has of its own; fresh: states that begin anew with each rest.
+    P (n, n, S) covariance, x (n, A, S); own (S,): variance of what each rest has of its own; fresh: states that begin again with each rest.
     """
 
     def __init__(self, sizes: Sizes, decay: np.ndarray, walking: int, axes: int, copies: int, fresh: slice):
@@ -151,7 +151,7 @@ class ZeroFilter:
         self.rate.new_rest()
         self.gravity.new_rest()
 
-    def judge(self, window: Window) -> Judged:
+    def evaluate(self, window: Window) -> WindowResult:
         """Take one reading: test it, then let the filters follow it."""
         ratio = window.scatter
         self.noise = self.noise + (ratio - self.noise) / NOISE_WINDOWS
@@ -171,16 +171,16 @@ class ZeroFilter:
         far = np.abs(whole) >= CLIP
         alarm, number = self._test(np.clip(whole, -CLIP, CLIP))
         taken = []
-        for (each, part, state, *_), told in zip(channels, seen, strict=True):
+        for (each, part, state, *_), projected in zip(channels, seen, strict=True):
             alarmed = (alarm[part] != 0).any(axis=0)
             taken.append(~alarmed & ~far[part].any(axis=0))
-            each.follow(taken[-1], *told)
-            each.jump(state, alarmed, *told[1:])
+            each.follow(taken[-1], *projected)
+            each.jump(state, alarmed, *projected[1:])
             self.cusum[part] = np.where(alarmed, 0, self.cusum[part])
         # Of gravity the new state is that of this attitude; in others it may differ by as much.
         own = self.gravity.own
         self.gravity.own = np.where(alarm[3] != 0, np.maximum(seen[1][2][0] ** 2, own), own)
-        return Judged(window, whole, sigma, seen[0][0] / seen[0][1], alarm, taken[0], number)
+        return WindowResult(window, whole, sigma, seen[0][0] / seen[0][1], alarm, taken[0], number)
 
     def _test(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Let the CUSUMs of all channels follow z (4, S): sign of an alarm (4, S), or 0, and the shift of its test."""
@@ -193,7 +193,7 @@ class ZeroFilter:
 
 
 class Detector:
-    """One stream: samples in, judged windows out."""
+    """One stream: samples in, tested windows out."""
 
     def __init__(self, chosen: Settings):
         self.chosen, self.filter = chosen, ZeroFilter(chosen)
@@ -201,7 +201,7 @@ class Detector:
         self._window: list[np.ndarray] = []  # means of the window's blocks
         self._state, self._ticks, self._waiting = MOVING, 0, False
 
-    def feed(self, rate: np.ndarray, force: np.ndarray, temp_c: np.ndarray | None = None) -> Iterator[tuple[bool, Judged | None]]:
+    def feed(self, rate: np.ndarray, force: np.ndarray, temp_c: np.ndarray | None = None) -> Iterator[tuple[bool, WindowResult | None]]:
         """Take samples: calibrated rate (N, 3) rad/s, force (N, 3) m/s^2, temp_c (N,).
 
         Yields after each block whether it was quiet, and what the window gave that it has completed.
@@ -222,7 +222,7 @@ class Detector:
         for each, is_quiet in zip(means, quiet, strict=True):
             yield is_quiet, self._block(each, is_quiet)
 
-    def _block(self, mean: np.ndarray, is_quiet: bool) -> Judged | None:
+    def _block(self, mean: np.ndarray, is_quiet: bool) -> WindowResult | None:
         self._ticks += 1
         if self._ticks == BLOCKS:
             self._ticks = 0
@@ -241,8 +241,8 @@ class Detector:
         self._window.append(mean)
         return found
 
-    def _complete(self, blocks: np.ndarray) -> Judged | None:
-        """Judge the window of blocks with means (16, 7)."""
+    def _complete(self, blocks: np.ndarray) -> WindowResult | None:
+        """Test the window of blocks with means (16, 7)."""
         c, mean = self.chosen, blocks.mean(axis=0)
         scatter = blocks.var(axis=0, ddof=1)[:6].reshape(2, 3).sum(axis=1) / c.scatter
         if (scatter > MOST_SCATTER).any():
@@ -253,7 +253,7 @@ class Detector:
         if self._waiting:
             self._waiting = False
             self.filter.new_rest()
-        return self.filter.judge(Window(rate[:, None], gravity, direction[:, None], mean[6:] - c.reference_c, scatter[:, None]))
+        return self.filter.evaluate(Window(rate[:, None], gravity, direction[:, None], mean[6:] - c.reference_c, scatter[:, None]))
 
     def gap(self, samples: int) -> None:
         """Samples are missing: the rest, if it was one, has ended, and time has passed."""
@@ -269,15 +269,15 @@ class Detector:
 #
 # The filter follows a change, so that its innovations show only what it has not followed yet: a change u(t) of the reading gives the mean
 # innovation g, by the same gains.  For each moment and form, the size is sum(z g) / sum(g^2) in sigmas, the log likelihood ratio half of
-# sum(z g)^2 / sum(g^2).  The likeliest ones are named; the size is the mean over all moments, and over both forms where they are not told
-# apart, by their probabilities, and its sigma contains how they differ.
+# sum(z g)^2 / sum(g^2).  The likeliest ones are named; the size is the mean over all moments, and over both forms where they are not
+# separated, by their probabilities, and its sigma contains how they differ.
 #
 # A moment lies anywhere within a window: a step then moves that window's mean by a part of its size, which from one window on alone would
 # look like a ramp.  g is linear between a change at a window and one at the next.
 
 #: log likelihood ratio by which one form must be better than the other: odds of twenty to one
-TOLD_APART = 3.0
-#: sigma of the prior of a size, in the likeliest one's: moments just before the end, which tell no size, then have little of the mean
+SEPARATED = 3.0
+#: sigma of the prior of a size, in the likeliest one's: moments just before the end, which show no size, then have little of the mean
 WIDE = 3.0
 #: places within a window, of the whole and about the likeliest one in its sigmas
 PLACES, SIGMAS = np.linspace(0, 1, 9), np.linspace(-4, 4, 9)
@@ -286,7 +286,7 @@ BEFORE, TRIED = 30, 60
 
 
 #: s of a window's end, and what it gave, of whose copies the first counts
-Reading = tuple[float, Judged]
+Reading = tuple[float, WindowResult]
 
 
 @dataclass(frozen=True)
@@ -304,10 +304,10 @@ class Change:
         """In words: ``step of +0.12 ± 0.01 dps at 120 s``."""
         moment = f"{self.began_s:.0f} s{' or earlier' if self.earlier else ''}"
         if self.kind == "step":
-            return f"a step of {amount} at {moment}"
+            return f"step of {amount} at {moment}"
         if self.kind == "ramp":
-            return f"a drift since {moment}, by {amount} so far"
-        return f"a change of {amount} since {moment}, a step or a drift"
+            return f"drift of {amount} since {moment}"
+        return f"step or drift of {amount} since {moment}"
 
 
 def change_of(records: Sequence[Reading], channel: int, begun: int, chosen: Settings) -> Change:
@@ -319,7 +319,7 @@ def change_of(records: Sequence[Reading], channel: int, begun: int, chosen: Sett
     forms = [_within_windows(rows, moments, ramp, channel, chosen) for ramp in (False, True)]
     gains = [score**2 / information / 2 for score, information, *_ in forms]
     better = float(gains[0].max() - gains[1].max())
-    kind = "step" if better > TOLD_APART else "ramp" if better < -TOLD_APART else "step or ramp"
+    kind = "step" if better > SEPARATED else "ramp" if better < -SEPARATED else "step or ramp"
     likelier = int(better < 0)
     at = np.unravel_index(np.argmax(gains[likelier]), gains[likelier].shape)
     taken = forms if kind == "step or ramp" else [forms[likelier]]
@@ -339,7 +339,7 @@ def _within_windows(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Of a change in each window of the moments, at K places within it: score and information of its size now, the prior share of the
     place, and the place, 0 to 1; each (M, K)."""
-    t_s, z = (np.array(column) for column in zip(*((at, judged.whole[channel, 0]) for at, judged in rows), strict=True))
+    t_s, z = (np.array(column) for column in zip(*((at, result.whole[channel, 0]) for at, result in rows), strict=True))
     ends = [np.minimum(moments + later, len(rows) - 1) for later in (0, 1)]
     own, after = (_response(rows, moments + later, ramp, channel, chosen) for later in (0, 1))
     A, B, C, a, b = (np.sum(own**2, axis=0), np.sum(own * after, axis=0), np.sum(after**2, axis=0), own.T @ z, after.T @ z)
@@ -369,14 +369,14 @@ def _response(rows: Sequence[Reading], moments: np.ndarray, ramp: bool, channel:
     after = index[:, None] >= moments[None]
     change = np.where(after, t_s[:, None] - t_s[np.minimum(moments, len(rows) - 1)][None] if ramp else 1.0, 0.0)
     if channel == 3:
-        return change / np.array([judged.sigma[1, 0] for _, judged in rows])[:, None]
+        return change / np.array([result.sigma[1, 0] for _, result in rows])[:, None]
     decay = np.r_[1.0, chosen.decay, 1.0, 1.0]
     x, found = np.zeros((len(decay), len(moments))), np.empty(change.shape)
-    for number, (_, judged) in enumerate(rows):
-        h = np.r_[np.ones(len(decay) - 1), judged.window.warmer[0]]
+    for number, (_, result) in enumerate(rows):
+        h = np.r_[np.ones(len(decay) - 1), result.window.warmer[0]]
         innovation = change[number] - h @ x
-        found[number] = innovation / judged.sigma[0, 0]
-        if judged.taken[0]:
-            x = x + judged.gain[:, :1] * innovation
+        found[number] = innovation / result.sigma[0, 0]
+        if result.taken[0]:
+            x = x + result.gain[:, :1] * innovation
         x = x * decay[:, None]
     return found

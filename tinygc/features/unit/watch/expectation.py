@@ -30,7 +30,7 @@ from tinygc.noise.components import REFERENCE, STILL_RATE, TURN
 from tinygc.noise.figures import NoiseFigures
 from tinygc.noise.whitening import PRECALIBRATION_MPS2
 
-#: usual of MEMS gyroscopes where neither the fit nor the sensor's record says it: two-sided white density, bias instability, and spread of
+#: usual of MEMS gyroscopes where neither the fit nor the sensor's record has it: two-sided white density, bias instability, and spread of
 #: B that a fit without a covariance leaves
 USUAL_WHITE, USUAL_INSTABILITY, USUAL_COVARIANCE_RPS = 10 * MDPS / np.sqrt(2), 10 * DEG_PER_HOUR, 0.01 * DEG
 #: the same of accelerometers
@@ -41,7 +41,7 @@ USUAL_ATTITUDE_RPS = 0.002 * DEG
 SPREAD = "spread of the zero between switch-ons"
 #: degC: others are no temperature
 MOST_TEMPERATURE_C = 200.0
-#: gravity at sea level lies within 0.026 m/s^2 of its mean, one sigma of a place that nobody names
+#: gravity at sea level lies within 0.026 m/s^2 of its mean, one sigma of an unknown place
 UNKNOWN_GRAVITY_MPS2 = 0.015
 
 
@@ -163,7 +163,7 @@ def _flicker(elapsed_s: float, span_s: float) -> float:
 
 
 def _instability(fit_noise: dict, config: Config | None) -> BiasInstability | None:
-    """Of session.toml, else of the fit, else typical of the sensor; None where nothing says it."""
+    """Of session.toml, else of the fit, else typical of the sensor; None where it is not known."""
     if config is not None and config.sensor.gyro_bias_instability_dph is not None:
         return BiasInstability(config.sensor.gyro_bias_instability_dph * DEG_PER_HOUR, "given in session.toml")
     if (found := fit_noise.get("gyro_bias_instability_dph")) is not None:
@@ -178,9 +178,9 @@ def _instability(fit_noise: dict, config: Config | None) -> BiasInstability | No
 # the largest ratio of wander, offset or attitude to white noise holds for all.  The wander is a walk and two Gauss-Markov processes, no
 # smaller than the figures at any time from a window to a day.
 
-#: s of a block, in which stillness is judged, and blocks of a window, whose mean is one reading of the zero
+#: s of a block, in which stillness is tested, and blocks of a window, whose mean is one reading of the zero
 WATCHED_S, BLOCKS = 0.125, 16
-#: samples of a block: fewer say nothing of its scatter
+#: samples of a block: fewer do not show its scatter
 FEWEST = 4
 #: means of a block beyond these belong to no rest: rad/s, share of gravity of the force
 REST_RATE_RPS, FORCE_WITHIN = 10 * DEG, 0.25
@@ -253,7 +253,7 @@ def settings(expected: Expectation, false_alarm_every_s: float, reference_c: flo
     block_s = samples / expected.rate_hz
     window_s = block_s * BLOCKS
     if false_alarm_every_s < 100 * window_s:
-        raise CalibrationError(f"watch: a false alarm every {false_alarm_every_s:g} s is asked for; expected at least {100 * window_s:g} s")
+        raise CalibrationError(f"watch: a false alarm every {false_alarm_every_s:g} s; expected at least {100 * window_s:g} s")
     white = expected.gyro.white**2 / window_s
     gravity_sigma = float(np.sqrt(np.max(expected.accel.white**2) / window_s)) / expected.gravity_mps2
     reference = expected.reference_c if expected.reference_c is not None else reference_c

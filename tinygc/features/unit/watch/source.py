@@ -28,9 +28,9 @@ from tinygc.deploy.calibration import Surroundings
 from tinygc.features.unit.options import SourceOptions
 
 UDP = "udp:"
-#: bytes at a time; s without any after which a source says so, and the watch looks about
+#: bytes at a time; s without any after which a source reports it, and the watch looks about
 BLOCK, IDLE_S = 1 << 16, 0.2
-#: s without a sample that are said, and after which another sender of datagrams is followed
+#: s without a sample that are reported, and after which another sender of datagrams is followed
 SILENT_S = 10.0
 #: bytes of a stream in which a sample must have come
 BARREN = 1 << 20
@@ -102,9 +102,9 @@ def _standard_input() -> Bytes:
 
 
 def _datagrams(source: str) -> Bytes:
-    """Datagrams of one sender: another one beside it would look like a sensor that jumps.
+    """Datagrams of one sender: another one with it would look like a sensor that jumps.
 
-    A sender is an address, since a board that starts anew sends from another port.  Behind its silence another one is followed.
+    A sender is an address, since a board that restarts sends from another port.  Behind its silence another one is followed.
     """
     host, _, port = source.removeprefix(UDP).rpartition(":")
     if not (port.isascii() and port.isdigit() and len(port) <= 5 and 0 < int(port) < 65536):
@@ -137,7 +137,7 @@ def _datagrams(source: str) -> Bytes:
 
 
 def _growing(path: Path) -> Bytes:
-    """A file that somebody writes: from its beginning, then as it grows; begun anew where it was cut or replaced."""
+    """A file that another program writes: from its beginning, then as it grows; read again where it was cut or replaced."""
     while True:
         with open_file(path) as file:
             status = os.fstat(file.fileno())
@@ -153,7 +153,7 @@ def _growing(path: Path) -> Bytes:
                     continue  # removed, or on its way to another place; what is open goes on
                 if (now.st_dev, now.st_ino) != (status.st_dev, status.st_ino) or now.st_size < file.tell():
                     break
-        yield Remark(RESTART, f"{path.name} was begun anew")
+        yield Remark(RESTART, f"{path.name} was cut or replaced")
 
 
 def _from_port(name: str, baud: int) -> Bytes:
@@ -230,9 +230,9 @@ TROUBLES = {
 
 
 def _readings(chunk: SampleChunk, info: Info | None, known: Surroundings, name: str) -> Applicable:
-    """Registers or physical units as SI: what they mean is said by the board (``info``), or by the model, in this order.
+    """Registers or physical units as SI: what they mean is stated by the board (``info``), or by the model, in this order.
 
-    FormatError for registers whose full scale nobody says.
+    FormatError for registers of unknown full scale.
     """
     own = known.sensor
 
@@ -240,7 +240,7 @@ def _readings(chunk: SampleChunk, info: Info | None, known: Surroundings, name: 
         gyro_fs = (info.gyro_fs_dps if info else None) or own.gyro_fs_dps
         accel_fs = (info.accel_fs_g if info else None) or own.accel_fs_g
         if gyro_fs is None or accel_fs is None:
-            raise FormatError(f"{name} sends registers and nobody says the full scale; give --session DIR")
+            raise FormatError(f"{name} sends registers of unknown full scale; give --session DIR")
         model = (info.sensor if info else None) or own.model or DEFAULT
         return RegisterUnits(model, gyro_fs, accel_fs, **(own.own_units if model == own.model else {}))
 

@@ -26,7 +26,7 @@ RATIO = 2.0
 MOST_SQUARE = 25.0
 #: one sigma by which E's elements differ between two days: scale factors change by some 20 ppm/K
 USUAL_MATRIX = 2e-4
-#: s and rad: the drift of a longer turn, and a smaller one, say nothing of E
+#: s and rad: the drift of a longer turn, and a smaller one, show nothing of E
 LONGEST_S, LEAST_RAD = 600.0, 10 * DEG
 
 
@@ -64,7 +64,7 @@ class Turn:
 
 
 class Closure(NamedTuple):
-    """A judged turn: tilt_rad (3,) across gravity, axes of its start; sigma_rad, stated, of each of its two components; square: chi-square
+    """A tested turn: tilt_rad (3,) across gravity, axes of its start; sigma_rad, stated, of each of its two components; square: chi-square
     of 2 degrees of freedom; alarm: whether the test has passed its bar."""
 
     tilt_rad: np.ndarray
@@ -74,7 +74,7 @@ class Closure(NamedTuple):
 
 
 class TurnTest:
-    """Judges one turn after another."""
+    """Tests one turn after another."""
 
     def __init__(self, expected: Expectation, windows_to_alarm: float):
         """windows_to_alarm: mean number of windows to a false alarm of all tests; there are no more turns than windows."""
@@ -86,8 +86,8 @@ class TurnTest:
         self.bar, self.sum = bar_of(squares_run_length, TESTS * windows_to_alarm, RATIO, 2), 0.0
         self._share = 0.0
 
-    def judge(self, turn: Turn, start: np.ndarray, end: np.ndarray, zero_variance: float, window_s: float) -> Closure:
-        """Judge a turn; start, end (3,): force of the rests, in g; zero_variance (rad/s)^2 of each axis; window_s: of a rest's mean."""
+    def evaluate(self, turn: Turn, start: np.ndarray, end: np.ndarray, zero_variance: float, window_s: float) -> Closure:
+        """Test a turn; start, end (3,): force of the rests, in g; zero_variance (rad/s)^2 of each axis; window_s: of a rest's mean."""
         e = self._expected
         R = rotation.matrix(turn.q)
         up = start / np.linalg.norm(start)

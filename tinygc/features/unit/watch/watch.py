@@ -1,4 +1,4 @@
-r"""The watch of one stream: samples in, events out; constant memory however long it lasts.
+r"""The watch of one stream: samples in, events out; constant memory however long it is.
 
     samples -> calibrated rates -> detector (blocks, windows, tests) -> rests, alarms
                                \-> turns between rests -> closures
@@ -20,8 +20,7 @@ from typing import Any
 import numpy as np
 
 from session.base.errors import CalibrationError, DataError
-from session.base.numeric import rms_of
-from session.base.texts import significant
+from session.base.texts import measured, significant
 from session.base.units import DEG, MG, NS, NS_PER_S
 from session.log.config import read_config
 from session.log.stamps import pace_of
@@ -29,14 +28,13 @@ from tinygc.closure.motion import LIMIT_DEG, MINUTE_S, at_rest
 from tinygc.deploy.apply import Applicable, model_of, taken
 from tinygc.deploy.calibration import Calibration, Stream, surroundings
 from tinygc.features.unit.options import SourceOptions, WatchOptions
-from tinygc.features.unit.watch.detector import ATTITUDE, COEFFICIENT, Change, Detector, Judged, Reading, change_of
+from tinygc.features.unit.watch.detector import ATTITUDE, COEFFICIENT, Change, Detector, Reading, WindowResult, change_of
 from tinygc.features.unit.watch.expectation import (
     BLOCKS,
     CHANNELS,
     CLIP,
     FORCE_WITHIN,
     SHIFTS,
-    SPREAD,
     Settings,
     expect,
     settings,
@@ -57,7 +55,7 @@ RATE_S = 2.0
 GAP_S, GAP_STEPS = 0.1, 8
 #: windows that are remembered for the words of an alarm
 REMEMBERED = 4096
-#: s without a rest after which that is said, and then each time twice as long
+#: s without a rest after which that is reported, and then each time twice as long
 RESTLESS_S = 600.0
 SCHEMA = "tinygc-watch/1"
 #: whether a calibration held, by the kind of the answer; None where that is not decided
@@ -80,7 +78,7 @@ class Event:
 
 
 class Watch:
-    """known: the model and what lies beside it; false_alarm_every_s: mean time at rest to a false alarm."""
+    """known: the model and the files next to it; false_alarm_every_s: mean time at rest to a false alarm."""
 
     def __init__(self, known: UnitState, false_alarm_every_s: float = FALSE_ALARM_EVERY_S):
         self._known, self._every_s = known, false_alarm_every_s
@@ -109,7 +107,7 @@ class Watch:
             yield from self._remark(item)
 
     def _remark(self, item: Remark) -> Iterator[Event]:
-        """Said at the first, then whenever the count has grown tenfold."""
+        """Reported at the first, then whenever the count has grown tenfold."""
         before = self.counts[item.kind]
         self.counts[item.kind] += item.count
         now = self.counts[item.kind]
@@ -149,7 +147,7 @@ class Watch:
     def _start(self, item: Applicable) -> Event:
         """The data rate is known: make the detector."""
         if not (np.diff(item.t_ns) > 0).any():
-            raise DataError("the stamps stand still, and do not say the data rate; import counts samples at a rate: --odr HZ")
+            raise DataError("the stamps stand still, and show no data rate; import counts samples at a rate: --odr HZ")
         begun = item.t_ns[item.t_ns <= item.t_ns[0] + round(RATE_S * NS_PER_S)]  # so that pieces do not matter
         rate_hz = pace_of(begun if (np.diff(begun) > 0).any() else item.t_ns).rate_hz
         temp_c = None if item.temp is None or not np.isfinite(item.temp).any() else float(np.nanmean(item.temp))
@@ -169,7 +167,7 @@ class Watch:
             "gravity_sigma_mg": chosen.gravity_sigma * expected.gravity_mps2 / MG,
             "assumed": list(expected.assumed),
         }
-        words = f"watching at {rate_hz:.4g} Hz: a rest of {self.window_s * (1 + 2 / BLOCKS):.1f} s or more is judged"
+        words = f"watching at {rate_hz:.0f} Hz: rests of {self.window_s * (1 + 2 / BLOCKS):.1f} s or more are tested"
         return Event("start", 0.0, words, table)
 
     def _begin(self, switched_on: bool) -> None:
@@ -186,7 +184,7 @@ class Watch:
         self._waiting: deque[Applicable] = deque()
         self._left = np.zeros((0, 7))  # samples of no whole block: calibrated and measured rate (3), rad/s, and t_s
         self._forget_turn()
-        self._restless_s, self._restless_said_s = 0.0, RESTLESS_S
+        self._restless_s, self._restless_limit_s = 0.0, RESTLESS_S
         self._windows_here = 0
 
     def _piece(self, piece: tuple[int, Applicable]) -> Iterator[Event]:
@@ -218,47 +216,47 @@ class Watch:
         self._force_sum += float(np.linalg.norm(item.accel, axis=1).sum())
         self._force_count += len(item.accel)
         rows, k = np.concatenate([self._left, np.column_stack([omega, item.gyro, t_s])]), 0
-        for quiet, judged in self._detector.feed(omega, item.accel, item.temp):
+        for quiet, result in self._detector.feed(omega, item.accel, item.temp):
             block = rows[k : k + n]
             k += n
             self.t_s = float(block[-1, 6])
-            yield from self._block(block, quiet, judged)
+            yield from self._block(block, quiet, result)
         self._left = rows[k:]
 
     # Blocks: rests, and the turns between them.
 
     def _forget_turn(self) -> None:
         self._turn: Turn | None = None
-        self._direction: np.ndarray | None = None  # force of the last judged rest, in g
-        self._pending: deque[np.ndarray] = deque()  # blocks since then that may be those of the next judged window
+        self._direction: np.ndarray | None = None  # force of the last tested rest, in g
+        self._pending: deque[np.ndarray] = deque()  # blocks since then that may be those of the next tested window
 
-    def _block(self, block: np.ndarray, quiet: bool, judged: Judged | None) -> Iterator[Event]:
+    def _block(self, block: np.ndarray, quiet: bool, result: WindowResult | None) -> Iterator[Event]:
         seconds = len(block) * self._period_s
         if quiet:
             self.rested_s += seconds
             self._quiet_blocks += 1
         else:
             self._end_quiet()
-        self._restless_s = 0.0 if judged is not None else self._restless_s + seconds
-        if self._restless_s > self._restless_said_s:
-            self._restless_said_s *= 2
-            why = f"no rest of {self.window_s * (1 + 2 / BLOCKS):.1f} s for {self._restless_s / 60:.0f} min: nothing could be judged"
+        self._restless_s = 0.0 if result is not None else self._restless_s + seconds
+        if self._restless_s > self._restless_limit_s:
+            self._restless_limit_s *= 2
+            why = f"no rest of {self.window_s * (1 + 2 / BLOCKS):.1f} s for {self._restless_s / 60:.0f} min: nothing is tested"
             yield Event("remark", self.t_s, why + self._wrong_force(), {"what": "no rest", "count": 1})
         if not quiet:
             yield from self._end_rest()
         if self._direction is not None:
-            yield from self._follow(block, judged)
-        if judged is None:
+            yield from self._follow(block, result)
+        if result is None:
             return
-        self._restless_said_s = RESTLESS_S
+        self._restless_limit_s = RESTLESS_S
         self.windows += 1
         if self._direction is None:
             self._pending.append(block)
-        self._direction = judged.window.direction[:, 0]
+        self._direction = result.window.direction[:, 0]
         self._resting_rps = block[:, 3:6].mean(axis=0)
-        self._last = *self._detector.filter.rate.total(COEFFICIENT), judged.window.gravity[0]
+        self._last = *self._detector.filter.rate.total(COEFFICIENT), result.window.gravity[0]
         self._windows_here += 1
-        yield from self._judged(judged)
+        yield from self._tested(result)
 
     def _end_quiet(self) -> None:
         """A quiet stretch has ended; one of a second or more in which no window was complete is a rest that was passed over."""
@@ -266,16 +264,16 @@ class Watch:
         self._quiet_blocks = 0
 
     def _wrong_force(self) -> str:
-        """What to say where the mean length of the force is not that of a rest."""
+        """A remark where the mean length of the force is not that of a rest."""
         assert self.settings is not None
         mean, gravity = self._force_sum / max(self._force_count, 1), self.settings.expected.gravity_mps2
         if not self._force_count or abs(mean / gravity - 1) < FORCE_WITHIN:
             return ""
-        return f"; the accelerometer reads {mean:.3g} m/s^2 on average, expected about {gravity:.3g}: check its unit and full scale"
+        return f"; force {mean:.3g} m/s², expected {gravity:.3g}: check its unit and full scale"
 
-    def _follow(self, block: np.ndarray, judged: Judged | None) -> Iterator[Event]:
-        """A turn goes from the end of one judged window to the beginning of the next: a hand begins and ends softly."""
-        kept = BLOCKS if judged is not None else BLOCKS + 1
+    def _follow(self, block: np.ndarray, result: WindowResult | None) -> Iterator[Event]:
+        """A turn goes from the end of one tested window to the beginning of the next: a hand begins and ends softly."""
+        kept = BLOCKS if result is not None else BLOCKS + 1
         while len(self._pending) > kept:
             if self._turn is None:
                 self._turn = Turn(self._turn_test.x[:9])
@@ -284,41 +282,41 @@ class Watch:
             gone = self._pending.popleft()
             self._turn.add(gone[:, :3] - self._zero_rps, gone[:, 3:6] - self._measured_rps, np.full(len(gone), self._period_s))
         turn = self._turn
-        if judged is not None:
+        if result is not None:
             self._turn = None
             self._pending.clear()
             if turn is not None and turn.angle > LEAST_RAD:
-                yield from self._closed(turn, judged)
+                yield from self._closed(turn, result)
         self._pending.append(block)
         if turn is not None and turn.seconds > LONGEST_S:
             self._forget_turn()
 
-    def _closed(self, turn: Turn, judged: Judged) -> Iterator[Event]:
-        """judged: the window behind the turn.  A zero that has jumped did so at an unknown moment of the turn."""
-        innovation = judged.whole[:3, 0] * judged.sigma[0, 0]
-        jumped = np.max(np.where(np.abs(judged.whole[:3, 0]) >= CLIP, innovation**2, 0.0))
+    def _closed(self, turn: Turn, result: WindowResult) -> Iterator[Event]:
+        """result: the window after the turn.  A zero that has jumped did so at an unknown moment of the turn."""
+        innovation = result.whole[:3, 0] * result.sigma[0, 0]
+        jumped = np.max(np.where(np.abs(result.whole[:3, 0]) >= CLIP, innovation**2, 0.0))
         variance = float(np.max(self._detector.chosen.rate_sigma_rps) ** 2 * (self._detector.filter.rate.total(ATTITUDE)[1][0] + jumped))
         assert self._direction is not None
-        closure = self._turn_test.judge(turn, self._direction, judged.window.direction[:, 0], variance, self.window_s)
+        closure = self._turn_test.evaluate(turn, self._direction, result.window.direction[:, 0], variance, self.window_s)
         self.turns += 1
         tilt, sigma, angle = (float(np.linalg.norm(closure.tilt_rad)) / DEG, closure.sigma_rad / DEG, turn.angle / DEG)
         table = {"tilt_deg": tilt, "sigma_deg": sigma, "chi_square": closure.square, "seconds": turn.seconds, "angle_deg": angle}
-        words = f"turn of {angle:.0f}° in {turn.seconds:.1f} s: tilt {tilt:.3f}°, stated {sigma:.3f}° (one sigma of a component)"
+        words = f"turn of {angle:.0f}° in {turn.seconds:.1f} s: tilt {tilt:.3f}°, stated {sigma:.3f}° (one sigma)"
         yield Event("turn", self.t_s, words, table)
         if closure.alarm:
             self.alarms += 1
-            advice = "take a new calibration, or `calibrate verify` with ten turns"
-            said = f"ALARM closure: turns close worse than stated; the last by {tilt:.3f}°; {advice}"
-            yield Event("alarm", self.t_s, said, {"channel": "closure", "channels": ["closure"], **table, "advice": advice})
+            advice = "verify with ten turns, or calibrate again"
+            words = f"ALARM closure: turns are worse than stated, the last by {tilt:.3f}°"
+            yield Event("alarm", self.t_s, words, {"channel": "closure", "channels": ["closure"], **table, "advice": advice})
 
-    # Windows: what the tests say.
+    # Windows: what the tests find.
 
-    def _judged(self, judged: Judged) -> Iterator[Event]:
+    def _tested(self, result: WindowResult) -> Iterator[Event]:
         f = self._detector.filter
-        self._records.append((self.t_s, judged))
-        alarmed = {int(k): int(judged.alarm[k, 0]) for k in np.flatnonzero(judged.alarm[:, 0])}
+        self._records.append((self.t_s, result))
+        alarmed = {int(k): int(result.alarm[k, 0]) for k in np.flatnonzero(result.alarm[:, 0])}
         if alarmed:
-            begun = {k: self.windows - int(self._since[k, 0 if sign > 0 else 1, int(judged.shift[k, 0])]) for k, sign in alarmed.items()}
+            begun = {k: self.windows - int(self._since[k, 0 if sign > 0 else 1, int(result.shift[k, 0])]) for k, sign in alarmed.items()}
             yield self._alarm(alarmed, {k: change_of(self._records, k, begun[k], self._detector.chosen) for k in alarmed})
             self._records.clear()
         self._since[f.cusum[..., 0] == 0] = self.windows
@@ -334,28 +332,24 @@ class Watch:
         (size, sigma), change = sizes[first], changes[first]
         table: dict[str, Any] = {"channel": CHANNELS[first], "channels": [CHANNELS[k] for k in alarmed], "sign": alarmed[first]}
         table |= {"began_s": round(change.began_s, 1), "kind": change.kind}
-        after, advice = [], []
+        advice = []
         if zeros:
             changed = np.zeros(3)
             changed[zeros] = [sizes[k][0] * DEG for k in zeros]
             zero = self._last[0][:, 0] * c.rate_sigma_rps
-            cost = _cost_deg(changed)
             table |= {"size_dps": size, "sigma_dps": sigma, "zero_dps": (zero / DEG).tolist()}
-            table |= {"cost_deg": cost, "zero_cost_deg": _cost_deg(zero)}
-            after.append(f"uncorrected it turns the attitude by {significant(cost, 2)}° in the next minute")
-            advice.append("take B anew (`calibrate verify` says how); a rest does not test E")
+            table |= {"cost_deg": _cost_deg(changed), "zero_cost_deg": _cost_deg(zero)}
+            advice.append("use the new bias (verify --write)")
         if 3 in alarmed:
             size, sigma = sizes[3]
-            tilt_deg = float(np.degrees(abs(size) * 1e-3))
             table |= {"size_mg": size, "sigma_mg": sigma}
-            table.setdefault("cost_deg", tilt_deg)
-            after.append(f"a tilt from it errs by up to {significant(tilt_deg, 2)}°")
-            advice.append("the accelerometer's zero or scale has changed: record it in six attitudes, then `calibrate verify`")
+            table.setdefault("cost_deg", float(np.degrees(abs(size) * 1e-3)))
+            advice.append("record the accelerometer in six attitudes, then verify")
         table["advice"] = "; ".join(advice)
         order = sorted(alarmed, key=lambda k: k != first)
-        amounts = {k: f"{sizes[k][0]:+.3g} ± {sizes[k][1]:.2g} {'mg' if k == 3 else 'dps'}" for k in alarmed}
+        amounts = {k: f"{'+' if sizes[k][0] > 0 else ''}{measured(*sizes[k])} {'mg' if k == 3 else 'dps'}" for k in alarmed}
         words = ", ".join(f"{CHANNELS[k]}: {changes[k].words(amounts[k])}" for k in order)
-        return Event("alarm", self.t_s, f"ALARM {words}; {'; '.join(after)}; {table['advice']}", table)
+        return Event("alarm", self.t_s, f"ALARM {words}, {significant(table['cost_deg'], 2)}°{'/min' * bool(zeros)}", table)
 
     def _end_rest(self) -> Iterator[Event]:
         """The rest has ended: what it was."""
@@ -403,30 +397,24 @@ class Watch:
         if self._zero is not None:
             zero, sigma = ((each / DEG).tolist() for each in self._zero)
             table |= {"zero_dps": zero, "zero_sigma_dps": sigma, "zero_cost_deg": _cost_deg(self._zero[0])}
-        yield Event("end", self.t_s, answer.headline, table)
+        yield Event("end", self.t_s, answer.headline, table | ({"advice": answer.do} if answer.do else {}))
 
     def _answer(self) -> Answer:
         if self._zero is None or self.settings is None:
             short = f" ({self.short} were too short)" if self.short else ""
             force = self._wrong_force() if self.settings else ""
-            return Answer("undecided", f"{self.t_s:.0f} s, and no rest that could be judged{short}{force}")
-        short = f" ({self.short} shorter ones passed over)" if self.short else ""
-        what = f"{self.windows} windows of {self.window_s:.1f} s in {self.rests} rests{short}, {self.turns} turns, {self.t_s / 3600:.2f} h"
-        expected = self.settings.expected
-        zero, allowed = self._zero[0] / DEG, rms_of(expected.gyro.offset)
-        usual = ", as usual" if SPREAD in expected.assumed else ""
-        costs = (
-            f"a zero of {', '.join(f'{each:+.4f}' for each in zero)} dps turns the attitude by {significant(_cost_deg(self._zero[0]), 2)}° "
-            f"in a minute at rest; a switch-on may move each axis by {significant(allowed / DEG, 2)} dps "
-            f"({significant(allowed * MINUTE_S / DEG, 2)}°, one sigma{usual})"
-        )
+            return Answer("undecided", f"no rest that is long enough in {self.t_s:.0f} s{short}{force}.", "let it rest for some seconds")
+        counts = (f"{count} {name}{'s' * (count != 1)}" for name, count in (("rest", self.rests), ("turn", self.turns)))
+        what = f"{', '.join(counts)}, {self.t_s / 3600:.2f} h"
+        cost_deg, use_new = _cost_deg(self._zero[0]), "use the new bias: verify the model with a rest, --write FILE"
+        error = f"zero error {significant(cost_deg, 2)}°/min"
         if self.alarms:
-            return Answer("does not hold", f"{self.alarms} alarm{'s' * (self.alarms > 1)} in {what}; {costs}")
-        # Whether a minute at rest misses more than the limit by the last zero, as ``verify`` asks it: beyond two sigmas
+            return Answer("does not hold", f"{self.alarms} alarm{'s' * (self.alarms > 1)} in {what}; {error}.")
+        # Whether a minute at rest misses more than the limit by the last zero, as ``verify`` tests it: beyond two sigmas
         size, sigma = (float(np.linalg.norm(each)) for each in self._zero)
-        if _cost_deg(self._zero[0]) > LIMIT_DEG and size > 2 * sigma:
-            return Answer("undecided", f"no alarm, but {costs}: take B anew (`calibrate verify` says how); {what}")
-        return Answer("holds", f"{what}, no alarm; {costs}")
+        if cost_deg > LIMIT_DEG and size > 2 * sigma:
+            return Answer("undecided", f"no alarm, but {error} ({what}).", use_new)
+        return Answer("holds", f"no alarm in {what}; {error}.")
 
 
 def _cost_deg(zero_rps: np.ndarray) -> float:
@@ -458,7 +446,7 @@ def _parts(item: Applicable, gap_ns: int) -> Iterator[tuple[int, Applicable]]:
 
 @dataclass(frozen=True)
 class Watched:
-    """Result of ``tinygc.watch``: events in their order; held: True, False after an alarm, None where nothing could be judged."""
+    """Result of ``tinygc.watch``: events in their order; held: True, False after an alarm, None where nothing could be tested."""
 
     events: tuple[Event, ...]
 
@@ -488,7 +476,7 @@ def events_of(
     options: WatchOptions,
     ended: Callable[[], bool] = lambda: False,
 ) -> Iterator[Event]:
-    """Events of a source until it ends, or ``ended`` says so.
+    """Events of a source until it ends, or ``ended`` returns true.
 
     Raises CalibrationError for what cannot be read.
     """
@@ -496,14 +484,14 @@ def events_of(
     path = model_of(model)
     known = read_state(path, options.noise)
     if known.model.session_s is not None:
-        raise CalibrationError(f"{path}: follows the time of its own session; give {path.stem}_at_end.json beside it")
+        raise CalibrationError(f"{path}: follows the time of its own session; give {path.stem}_at_end.json")
     if options.session is not None:
         known = replace(known, config=read_config(options.session / "session.toml"))
     log = Path(source)
     around = surroundings(known.table, path, log if log.is_file() else Path("-"), options.session)  # as ``apply`` takes them
     if around.accelerometer is None:
         raise CalibrationError(
-            f"{path}: no calibration of the accelerometer, without which gravity's length says nothing; fit again, or give --session DIR"
+            f"{path}: no calibration of the accelerometer, which gravity's length needs; fit again, or give --session DIR"
         )
     live = Watch(known, options.false_alarm_every_s)
     items = items_of(source, how, around)
@@ -527,7 +515,7 @@ def events_of(
 
 @public(WatchOptions)
 def watch(model: Path | str, source: Path | str, **choices: Any) -> Any:
-    """Hold a log's rests, its gravity and its turns against a calibration, one after the other, as the command ``watch`` does.
+    """Test a log's rests, its gravity and its turns against a calibration, one after the other, as the command ``watch`` does.
 
     Parameters
     ----------
@@ -539,7 +527,7 @@ def watch(model: Path | str, source: Path | str, **choices: Any) -> Any:
     Returns
     -------
     Watched
-        ``held`` (None where nothing could be judged), ``alarms``, ``events`` with ``t_s``, ``words`` and ``table``, ``summary()``.
+        ``held`` (None where nothing could be tested), ``alarms``, ``events`` with ``t_s``, ``words`` and ``table``, ``summary()``.
 
     Raises
     ------

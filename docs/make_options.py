@@ -58,6 +58,8 @@ FUNCTIONS = {
     "challenge": "tinygc.features.challenge.examination.examine",
 }
 RECORDS = ("Session", "Fit", "Why", "Calibration", "Report", "Exported", "Simulated", "Rebias", "LogArrays", "ThermalFit", "TurnFit")
+#: of an option on the page, where a clause ends before
+MOST_WORDS = 9
 #: what stands before and behind the tables of a page
 BEGIN, END = "<!-- made by docs/make_options.py -->\n", "<!-- end -->"
 
@@ -78,7 +80,10 @@ def brief(text: str) -> str:
         return text
     clause = re.split(r"; | \((?!\d)", text, maxsplit=1)[0]
     before, colon, _ = clause.partition(": ")
-    return before if colon and len(before.split()) > 4 else clause
+    clause = before if colon and len(before.split()) > 4 else clause
+    while len(clause.split()) > MOST_WORDS and len(clause.rpartition(", ")[0].split()) > 3:
+        clause = clause.rpartition(", ")[0]
+    return clause
 
 
 def _row(*cells: str) -> str:

@@ -53,18 +53,17 @@ class Sensor:
     accel_fs_g is NaN of a gyroscope alone; None: not known, or as the model has it where it is known.
     """
 
-    #: the sensor, in any spelling ([known ones](../sensors.md)); decides what registers mean and what `check` compares with
+    #: sensor, in any spelling ([known ones](../sensors.md))
     model: Annotated[str, Key(absent=DEFAULT)]
     #: serial number
     serial: Annotated[str, Key(absent="")]
-    #: data rate, Hz, as the board states it or nominal; the stamps decide the true one
+    #: data rate, Hz, nominal or as the board states it
     odr_hz: Annotated[float, Number(0.1, 50000)]
     #: full scale of the gyroscope, dps
     gyro_fs_dps: Annotated[float, Number(1, 1e5)]
-    #: full scale of the accelerometer, g; not needed with `protocol.reference = "turns"`
+    #: full scale of the accelerometer, g; not needed for `"turns"`
     accel_fs_g: Annotated[float, Number(0.1, 1000)]
-    #: bias instability, °/h, in every sigma; else [figures at rest](../explain.md#noise-that-was-measured-at-rest), the model's, or the
-    #: recording's
+    #: bias instability, °/h; else [figures at rest](../explain.md#noise-that-was-measured-at-rest), the model's, or the recording's
     gyro_bias_instability_dph: Annotated[float | None, Number(0, 1000)] = None
     #: one sigma of the bias between power-ups and days, dps
     gyro_bias_repeatability_dps: Annotated[float | None, Number(0, 1000)] = None
@@ -78,15 +77,14 @@ class Sensor:
     temp_lsb_per_c: Annotated[float | None, Number(1e-3, 1e5)] = None
     #: °C at register 0, with `temp_lsb_per_c`; else 0
     temp_at_zero_c: Annotated[float | None, Number(-300, 300)] = None
-    #: relative uncertainty of `odr_hz` where samples are counted at it; 0: measured. Else, for `# stamps=counted`, the model's tolerance
-    #: (5 % if unknown) over √3
+    #: relative uncertainty of `odr_hz` where samples are counted at it; 0: measured; else the model's tolerance over √3
     odr_sigma: Annotated[float | None, Number(0, 0.5)] = None
-    #: relative uncertainty of the clock that stamps the logs, ppm, in the scale of all axes; 0: known. Else it is in no uncertainty
+    #: uncertainty of the logs' clock, ppm, in the scale of all axes; 0: known; else not included
     clock_sigma_ppm: Annotated[float | None, Number(0, 1e5)] = None
-    #: relative uncertainty of the rate that `import` counted along coarse stamps, ppm, in the scale of all axes
+    #: uncertainty of a rate that `import` counted along coarse stamps, ppm
     even_sigma_ppm: Annotated[float | None, Number(0, 1e5)] = None
-    #: seconds of the board's clock in one of the computer's, measured by `record` ([why](../boards.md#clocks)); its difference from 1 is
-    #: a sigma of the scale, until `--clock arrivals` divides times by it
+    #: board's seconds per computer's second ([why](../boards.md#clocks)); its difference from 1 is a sigma of the scale, until `--clock
+    #: arrivals` divides by it
     clock_ratio: Annotated[float | None, Number(0.5, 2.0)] = None
 
     @cached_property

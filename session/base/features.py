@@ -44,7 +44,7 @@ POINTS = {
     "report beyond the catalogue": "function(explanation, what was found) -> Why",
     "explanation of what turned": "function(explanation, seed) -> what a machine that turned it shows | None: rows, to_json(), panels",
     "proof of an effect": "function(effect, ...) -> report",
-    "beside a report": "function(args of report) -> function(report) -> keys of its JSON, or None: what is written beside it",
+    "after a report": "function(args of report) -> function(report) -> keys of its JSON, or None: what is written next to it",
     "earlier results of a report": "function(folder, logs) -> what an earlier command left in the folder for the report, or None",
     "report section": "module: section(evidence) -> Section | None, as in tinygc/reporting/html/sections; BEHIND, the section before it",
 }

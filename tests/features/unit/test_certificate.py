@@ -30,6 +30,7 @@ from tinygc.features.unit.certificate.dcc_file import UNITS, dcc_text
 from tinygc.features.unit.certificate.given import REQUIRED
 from tinygc.inference.decide import Fact
 from tinygc.inference.solve import coverage_factor, effective_freedom
+from tinygc.library.reports import Report
 from tinygc.models.linear import LinearModel, field_jacobian
 from tinygc.verdict.acceptance import decide
 
@@ -284,9 +285,8 @@ def test_fit_report_and_certificate_have_one_u_and_one_decision(data):
     assert (one.measured.expanded, one.answer) == (pytest.approx(q.expanded), "not decided")
 
 
-def test_a_clock_that_is_in_no_uncertainty_is_said_at_the_clock(data):
+def test_the_clock_states_how_it_is_known(data):
     for clock, stated, there in (
-        ("board", {}, "whose clock's error is not known"),
         ("board", {"clock_sigma_ppm": 20.0}, r"whose clock is known to 20 ppm \(k = 1\), which is in U"),
         ("board", {"clock_sigma_ppm": 12.0, "clock_ratio": 1.0045}, "4500 ± 12 ppm fast .* a deviation that is not corrected"),
         ("arrivals", {"clock_sigma_ppm": 12.0}, "^time by the computer's second.* known to 12 ppm .k = 1., which is in U"),
@@ -309,7 +309,7 @@ def test_each_field_that_is_missing_leaves_a_draft_and_is_named(data):
     assert keys | {"certificate.calibrated"} <= set(bare.missing)  # the log's file alone tells the day
     assert bare.line.startswith("certificate: a draft; not stated: certificate.laboratory")
     assert bare.to_json() == {"number": None, "draft": list(bare.draft), "missing": list(bare.missing)}
-    assert "the recording is simulated: truth.json lies beside it" in bare.draft
+    assert "the recording is simulated: truth.json is in its folder" in bare.draft
 
 
 ISSUED = "calibrated = 2026-11-20\nissued = 2026-11-23"
@@ -334,7 +334,8 @@ def test_fields_that_do_not_go_together_leave_a_draft(data, change, says):
 def test_what_the_recording_lacks_leaves_a_draft(made, data, tmp_path):
     assert Certificate(with_fields(data, serial="")).missing == ("sensor.serial",)
     assert Certificate(changed(made, model_given=False)).missing == ("sensor.model",)
-    assert any("clock's error is not known" in why for why in Certificate(changed(made, sensor={"clock_sigma_ppm": None})).draft)
+    with pytest.raises(CalibrationError, match=r"no certificate: time base not calibrated; give sensor\.clock_sigma_ppm"):
+        tinygc.certificate(Report(changed(made, sensor={"clock_sigma_ppm": None})))
     why = "closure of the fitted segments: p = 0.001, more than noise allows"
     failed = Certificate(replace(made, decision=replace(data.decision, unsound=[why])))
     assert failed.draft == (f"the calibration does not pass its own check: {why}",)
@@ -344,7 +345,7 @@ def test_what_the_recording_lacks_leaves_a_draft(made, data, tmp_path):
         logs = (replace(session.logs[0], path=tmp_path / name), *session.logs[1:])
         other = made.fit.problem.changed(session=replace(session, logs=logs))
         found = Certificate(replace(made, fit=replace(made.fit, problem=other)))
-        assert found.draft == (f"the recording is simulated: the first line of {name} says so",)
+        assert found.draft == (f"the recording is simulated: by the first line of {name}",)
 
 
 DAYS = [day for day in re.findall(r"^(\w+) = \d{4}-", FIELDS, re.M) if day not in ("date", "due")]
@@ -451,7 +452,7 @@ def test_what_people_wrote_stays_text_and_a_draft_has_no_dcc(data, faults):
         (['number = "Numberword-7"\n'], r"a draft has no Digital Calibration Certificate; not stated: certificate\.number"),
         (
             ['country = "DE"\n', 'performed_at = "customerBranch"\n'],
-            r"lacks certificate\.country \(two letters\), certificate\.performed_at",
+            r"has no certificate\.country \(two letters\), certificate\.performed_at",
         ),
     ):
         fields = FIELDS

@@ -30,7 +30,7 @@ def run(args: Options) -> int:
         done = _report(args)
         write_json(args.json, done.table)
         return done.code
-    for ask in features.each("beside a report"):
+    for ask in features.each("after a report"):
         ask(args)
     if args.out is not None:
         raise CalibrationError("--out names one file; of several folders each gets its report.html in it: leave --out out")
@@ -47,7 +47,7 @@ def _report(args: Options) -> Done:
     path = args.out or args.folder / "report.html"
     if args.folder.is_dir():  # else the reading of the session reports it
         try_file(path, args.json)
-    beside = [write for ask in features.each("beside a report") if (write := ask(args)) is not None]
+    writers = [write for ask in features.each("after a report") if (write := ask(args)) is not None]
     if args.pdf:
         require_browser()
         try_file(path.with_suffix(".pdf"), args.json)
@@ -59,7 +59,7 @@ def _report(args: Options) -> Done:
     output(args).print(f"written: {', '.join(map(str, files))}")
     verdict(args, decision.headline)
     table, code = made.to_json() | defaults_json(args), 0
-    for write in beside:
+    for write in writers:
         table |= write(made)
     if args.limit_deg is not None and not decision.passed:
         complain(f"above {limit_text(args)}: {'; '.join(text for met, text in decision.reasons if met is False)}")

@@ -22,6 +22,6 @@ FEATURE = Feature(
         "section of session.toml": "certificate.given:CertificateGiven",
         "report section": ("budget.library", "history.shown"),
         "options of report": "options:CertificateOptions",
-        "beside a report": "certificate.command:beside_report",
+        "after a report": "certificate.command:after_report",
     },
 )

@@ -1,4 +1,4 @@
-"""``report --certificate`` and ``--dcc``: the certificate beside the report."""
+"""``report --certificate`` and ``--dcc``: the certificate next to the report."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ if TYPE_CHECKING:
     from tinygc.library.reports import Report
 
 
-def beside_report(args: Any) -> Callable[[Report], dict] | None:
+def after_report(args: Any) -> Callable[[Report], dict] | None:
     """Refuse, before the work, what cannot be written.  Return what writes a report's certificate, and returns its key of the JSON.
 
-    None where no certificate is asked for.  Raises CalibrationError.
+    None where no certificate is requested.  Raises CalibrationError.
     """
     own = record_in(args.of_features, CertificateOptions)
     if args.more and own.certificate not in (None, OWN_PLACE):

@@ -26,6 +26,7 @@ from session.base.texts import STANDIN_NAME, fixed, significant
 from session.base.toml import read_toml
 from session.base.units import MDPS
 from session.log.config import Config, read_config
+from session.log.folder import Session, read_session
 from session.log.lines import GZIP
 from session.log.requirements import ATTITUDE, Rule
 from tinygc.estimation.spread import ZERO
@@ -46,17 +47,15 @@ from tinygc.verdict.requirements import closure_measured, rule_words, run_measur
 
 NOT_STATED = "not stated"
 TITLE, DRAFT = "Calibration certificate", "Draft of a calibration certificate"
-#: bytes of a file that say whether it is a certificate
+#: bytes of a file that show whether it is a certificate
 ENOUGH = 4096
-#: what U holds beside the fit's own sources
-LACKING = "one effect missing from the model"
 #: what begins the first line of a file that no sensor wrote
 SIMULATED = "SIMULATED"
 #: bytes that are read of a first line, and how a packed file begins
 LONGEST_LINE = 4096
-#: what a simulation leaves beside its recording
+#: what a simulation leaves next to its recording
 TRUTH = "truth.json"
-#: a table of the recording's machine, beside its logs
+#: a table of the recording's machine, next to its logs
 MACHINE = "table.toml"
 #: how attitudes are known, by the reference; a further one is another instrument
 REFERENCES = {
@@ -104,7 +103,7 @@ class Certificate:
         return dcc_text(self)
 
     def save(self, path: Path | str, *, pdf: bool = False) -> list[Path]:
-        """Write the HTML file, and the same as PDF beside it, which needs Chromium; returns the paths."""
+        """Write the HTML file, and the same as PDF next to it, which needs Chromium; returns the paths."""
         path = Path(path)
         if pdf:
             require_browser()
@@ -149,28 +148,26 @@ class Certificate:
     def draft(self) -> tuple[str, ...]:
         """Why it is a draft; empty of one that may be signed."""
         given, unsound, day = self.given, self.data.decision.unsound, self.calibrated
-        said = [f"not stated: {', '.join(self.missing)}"] if self.missing else []
+        reasons = [f"not stated: {', '.join(self.missing)}"] if self.missing else []
         if unsound:  # a value beyond its limits is a result; uncertainties that may not hold are none
-            said.append(f"the calibration does not pass its own check: {'; '.join(unsound)}")
+            reasons.append(f"the calibration does not pass its own check: {'; '.join(unsound)}")
         if self.config.board.source == STANDIN_NAME:
-            said.append("the board had no sensor: the samples are made up, or were played to it")
+            reasons.append("the board had no sensor: the samples are made up, or were played to it")
         if why := _simulated(self.data):
-            said.append(f"the recording is simulated: {why}")
-        if not self.data.fit.session.clock_known:
-            said.append("the clock's error is not known and is in no U of a scale factor: give sensor.clock_sigma_ppm")
+            reasons.append(f"the recording is simulated: {why}")
         # Days that each are one, and do not go together
         days = {"calibrated": day, **{key: getattr(given, key) for key in ("received", "issued", "valid_until", "next_calibration")}}
         if pair := out_of_order(days):
-            said.append(f"{pair[1]} is {days[pair[1]]}, before {pair[0]}, {days[pair[0]]}")
+            reasons.append(f"{pair[1]} is {days[pair[1]]}, before {pair[0]}, {days[pair[0]]}")
         late = [each.name for each in given.equipment if day is not None and each.due is not None and each.due < day]
-        return (*said, *([f"equipment was overdue on the day of the calibration: {', '.join(late)}"] if late else []))
+        return (*reasons, *([f"equipment was overdue on the day of the calibration: {', '.join(late)}"] if late else []))
 
     @property
     def line(self) -> str:
         """What is missing, in one line; empty where nothing is."""
         return f"certificate: a draft; {'; '.join(self.draft)}" if self.draft else ""
 
-    # What session.toml and the recording say of the item, the days and the conditions.
+    # The item, the days and the conditions, by session.toml and the recording.
 
     @property
     def item(self) -> list[Line]:
@@ -204,7 +201,7 @@ class Certificate:
 
     @cached_property
     def _calibrated(self) -> tuple[str, date | None]:
-        """The day of the calibration, in words and as a date; no date where only the file's time tells."""
+        """The day of the calibration, in words and as a date; no date where only the file's time is known."""
         given, (when, source) = self.given.calibrated, recorded(self.data)
         day = None
         with contextlib.suppress(ValueError, TypeError):
@@ -255,7 +252,7 @@ class Certificate:
 
     @property
     def operator(self) -> str:
-        """Who calibrated, empty where nobody is stated."""
+        """Who calibrated, empty where it is not stated."""
         return self.given.operator or str(self.config.notes.get("operator", ""))
 
     @property
@@ -267,9 +264,7 @@ class Certificate:
         clock = f"time by counting samples at {self._rate_words}" if counted else "time by the stamps of the item's board"
         if self._by_arrivals:
             clock = "time by the computer's second: the stamps of the item's board, divided by the measured ratio of the two clocks"
-        if not fit.session.clock_known:
-            clock += ", whose clock's error is not known"
-        elif (off := sensor.clock_words) and not counted:
+        if (off := sensor.clock_words) and not counted:
             clock += f": {off}, a deviation that is not corrected; U has it as a standard uncertainty"
         elif (sigma := sensor.clock_sigma) is not None and not counted:
             clock += f", {'which' if self._by_arrivals else 'whose clock'} is known to {sigma * 1e6:.4g} ppm (k = 1), which is in U"
@@ -321,7 +316,7 @@ class Certificate:
         return known_sources(self.data.adopted.sources, self.covariance)
 
     def _gyroscope(self, sources: Sequence[Source], turned: np.ndarray | None = None) -> list[Fact]:
-        """The sensor errors of the model, with U that holds the largest effect that the model lacks and the recording does not exclude;
+        """The sensor errors of the model, with U that includes one effect missing from the model, as large as the recording allows;
         turned (12, 12): derivative of another model by the one that was fitted."""
         allowed, vector = self.data.adopted.allowed, self.model.vector
         if turned is not None:
@@ -378,10 +373,10 @@ class Certificate:
             groups.setdefault((each.reference, each.rule), []).append(each)
         found = []
         for (reference, rule), of in groups.items():
-            said = [rule_words(rule)]
+            sentences = [rule_words(rule)]
             if any(np.isfinite(each.measured.sigma) for each in of):
-                said.append("The risk is that of the measured value with its U, without prior knowledge of the item (JCGM 106:2012, 7.2).")
-            found.append((reference, " ".join(said), of))
+                sentences.append("The risk is that of the value with its U, without prior knowledge of the item (JCGM 106:2012, 7.2).")
+            found.append((reference, " ".join(sentences), of))
         return found
 
     # Sentences.
@@ -395,71 +390,71 @@ class Certificate:
         turned = f"The item was turned from rest to rest: {counts} are used, between {rests} rests."
         if data.fit.session.reference is not None:
             turned = f"The item was moved; {len(problem.used)} stretches of {len(problem.segments)} between known attitudes are used."
-        said = [
+        sentences = [
             turned,
             f"Attitudes come from {REFERENCES.get(self.config.protocol.reference, INSTRUMENT).split(', one')[0]}.",
             "The calibration ω = E m + B of the measured rates m is that with which the integrated rates of each turn end in the known "
             "attitude behind it, by weighted least squares; closure is stated of turns that the fit did not use.",
         ]
         if data.adopted.name != LINEAR:
-            said.append(f"The model has further effects: {', '.join(claim.effect.id for claim in data.adopted.claims)}.")
-        return [*said, f"Procedure: {self.given.method or NOT_STATED}. Computed by TinyGC {data.versions['TinyGC']}, docs/model.md."]
+            sentences.append(f"The model has further effects: {', '.join(claim.effect.id for claim in data.adopted.claims)}.")
+        return [*sentences, f"Procedure: {self.given.method or NOT_STATED}. Computed by TinyGC {data.versions['TinyGC']}, docs/model.md."]
 
     @property
     def uncertainty(self) -> list[str]:
         """What U is, and what it holds."""
         adopted, factors = self.data.adopted, [each.factor for each in self._gyroscope(self.sources)]
         low, high = (fixed(each, 2) for each in (min(factors), max(factors)))
-        said = [
+        sentences = [
             "U is the expanded uncertainty: the standard uncertainty multiplied by the coverage factor k that is stated, for a coverage "
             f"probability of approximately 95 %; k is {low if low == high else f'{low} to {high}'} for the gyroscope, by the effective "
             "degrees of freedom (JCGM 100:2008, annex G)."
         ]
         if adopted.sources:
-            said.append(f"Contributions: {', '.join(f'{each.name} ({each.kind})' for each in self.sources)}.")
+            sentences.append(f"Contributions: {', '.join(f'{each.name} ({each.kind})' for each in self.sources)}.")
         else:
-            said.append("It includes the noise of rates and rests that the recording shows, and that of references estimated with it.")
+            sentences.append("It includes the noise of rates and rests that the recording shows, and that of references estimated with it.")
         if adopted.name == LINEAR and self.data.fit.widened > 1:
             factor = significant(float(np.sqrt(self.data.fit.widened)), 3)
-            said.append(f"The turns scatter by more than this noise; standard uncertainties are multiplied by {factor} for it.")
+            sentences.append(f"The turns scatter by more than this noise; standard uncertainties are multiplied by {factor} for it.")
         if adopted.allowed is not None:
             most = [q for q in adopted.quantities if np.isfinite(q.moved)]
             groups = {q.word: max(abs(each.moved) for each in most if each.word == q.word) for q in most}
             units = {q.word: q.unit for q in most}
             sizes = ", ".join(f"{word} {significant(size, 2)} {units[word]}" for word, size in groups.items())
             if sizes:
-                said.append(f"U holds {LACKING} and this recording does not exclude: {sizes} (k = 1, B).")
-        return said
+                sentences.append(f"U includes one effect missing from the model, as large as this recording allows: {sizes} (k = 1, B).")
+        return sentences
 
     @property
     def remarks(self) -> list[str]:
         """What else a reader is to know."""
-        said = [
+        sentences = [
             "The results relate only to the item identified above, as it was calibrated.",
             "This document shall not be reproduced except in full without the approval of the laboratory.",
         ]
         spread, given = self.data.fit.spread.at(ZERO), self.given
         if spread.is_usual:
-            said.append("The bias is that of this switch-on; how far it changes between switch-ons was not evaluated.")
+            sentences.append("The bias is that of this switch-on; how far it changes between switch-ons was not evaluated.")
         else:
             sizes = ", ".join(significant(each / MDPS, 2) for each in spread.sigma)
-            said.append(f"The bias changes between switch-ons by {sizes} mdps (one sigma; {spread.source}).")
-        said += [f"In doubt: {doubt}." for doubt in self.data.decision.doubts]
+            sentences.append(f"The bias changes between switch-ons by {sizes} mdps (one sigma; {spread.source}).")
+        sentences += [f"In doubt: {doubt}." for doubt in self.data.decision.doubts]
         external = "Results of external providers"
         for label, key in (("Deviations from the method", "deviations"), (external, "external"), ("Remarks", "remarks")):
             if text := getattr(given, key):
-                said.append(f"{label}: {text}")
-        return said + ([f"This certificate replaces certificate {given.amends}."] if given.amends else [])
+                sentences.append(f"{label}: {text}")
+        return sentences + ([f"This certificate replaces certificate {given.amends}."] if given.amends else [])
 
 
 def _simulated(data: ReportData) -> str:
-    """Why the recording is known to be simulated; empty where nothing says so."""
+    """Why the recording is known to be simulated; empty where it is not."""
     session = data.fit.session
     if not session.in_memory and (session.folder / TRUTH).exists():
-        return f"{TRUTH} lies beside it"
+        return f"{TRUTH} is in its folder"
     paths = [] if session.in_memory else [session.folder / "session.toml", *(log.path for log in session.logs)]
     marked = [path.name for path in paths if path.is_file() and SIMULATED in _first_line(path)]
-    return f"the first line of {marked[0]} says so" if marked else ""
+    return f"by the first line of {marked[0]}" if marked else ""
 
 
 def _first_line(path: Path) -> str:
@@ -519,14 +514,14 @@ def _conformities(conformities: Sequence[Conformity]) -> Table:
     return Table("", ("Requirement", "Limits", "Value ± U", "k", "Answer", "Risk that it is wrong"), rows)
 
 
-# What is asked of it.
+# Before it is made.
 
 
 def check_before(folder: Path, form: Path | None, dcc: Path | None) -> None:
     """Refuse, before a fit, what its certificate would fail at.
 
-    Raises CalibrationError where a certificate that is no draft lies at one of the two paths, or session.toml lacks what a Digital
-    Calibration Certificate needs, and FormatError for a damaged session.toml.
+    Raises CalibrationError where a certificate that is no draft lies at one of the two paths, where the time base is not calibrated, and
+    where session.toml does not have what a Digital Calibration Certificate needs; FormatError for a damaged session.toml.
     """
     for path, mark in ((form, f"<title>{TITLE} "), (dcc, "digitalCalibrationCertificate")):
         if path is None or not path.is_file():
@@ -535,8 +530,16 @@ def check_before(folder: Path, form: Path | None, dcc: Path | None) -> None:
             begins = stream.read(ENOUGH)
         if mark.encode() in begins:
             raise CalibrationError(f"{path}: holds a certificate, which may be issued; move it to its place, or give another file")
-    if dcc is not None and (toml := folder / "session.toml").is_file():
-        require_fields(read_config(toml))
+    if (toml := folder / "session.toml").is_file():
+        if dcc is not None:
+            require_fields(read_config(toml))
+        _require_clock(read_session(folder))
+
+
+def _require_clock(session: Session) -> None:
+    """Raise CalibrationError for a session whose clock's error is not known: no U of a scale factor would include it."""
+    if not session.clock_known:
+        raise CalibrationError("no certificate: time base not calibrated; give sensor.clock_sigma_ppm")
 
 
 @public()
@@ -558,7 +561,7 @@ def certificate(report: Any, as_found: Path | str | None = None) -> Certificate:
     Raises
     ------
     CalibrationError
-        For a file that is no linear model.
+        For a clock whose error is not known, and for a file that is no linear model.
 
     Examples
     --------
@@ -568,6 +571,7 @@ def certificate(report: Any, as_found: Path | str | None = None) -> Certificate:
     """
     if not isinstance(report, Report):
         raise CalibrationError(f"report is of type {type(report).__name__}, expected a report: tinygc.report(session)")
+    _require_clock(report.data.fit.session)
     if as_found is None:
         return Certificate(report.data)
     model, _ = load_with_table(as_found)

@@ -1,7 +1,7 @@
 """A certificate as Digital Calibration Certificate (PTB DCC 3.3.0, with D-SI 2.2.1), written with the standard library.
 
 Values are in SI, in D-SI's syntax; each quantity has an ``id`` that names it, and a ``refType`` of the good practice where there is one.
-The twelve parameters of ω = E m + B go along with their covariance.  What the schema requires and the session does not hold is asked for,
+The twelve parameters of ω = E m + B go along with their covariance.  What the schema requires and the session does not hold is required,
 never made up: a draft has no DCC.
 """
 
@@ -41,7 +41,7 @@ UNITS = {
 }
 #: answers of the decision rules as the schema has them; what lies in a guard band is a conditional pass or fail (ILAC-G8:09)
 ANSWERS = {"pass": "pass", "fail": "fail"}
-#: keys of session.toml that the schema requires besides those of the certificate -> what they are
+#: keys of session.toml that the schema requires as well as those of the certificate -> what they are
 REQUIRED = {"country": "two letters", "performed_at": "one of laboratory, customer, …"}
 
 
@@ -64,7 +64,7 @@ def require_fields(config: Config) -> None:
     if missing := missing_fields(config):
         raise CalibrationError(f"--dcc: a draft has no Digital Calibration Certificate; not stated: {', '.join(missing)}")
     if absent := [f"certificate.{key} ({what})" for key, what in REQUIRED.items() if not getattr(given_in(config), key)]:
-        raise CalibrationError(f"--dcc: session.toml lacks {', '.join(absent)}, which the schema requires; give it there")
+        raise CalibrationError(f"--dcc: session.toml has no {', '.join(absent)}, which the schema requires; give it there")
 
 
 # Elements: each with its text, which stays one line where it is a user's, or with others inside.
@@ -155,8 +155,8 @@ def _statements(c: Certificate) -> Iterator[ElementTree.Element]:
         if day is not None:
             yield e("statement", named("declaration", words), e("date", str(day)), refType="basic_recalibration")
     for reference, rule, _ in c.statements:
-        said = named("declaration", *([f"Limits: {reference}"] if reference else []), f"Decision rule: {rule}")
-        yield e("statement", e("norm", "ISO/IEC 17025:2017"), e("reference", "7.8.6"), said, refType="basic_conformity")
+        declared = named("declaration", *([f"Limits: {reference}"] if reference else []), f"Decision rule: {rule}")
+        yield e("statement", e("norm", "ISO/IEC 17025:2017"), e("reference", "7.8.6"), declared, refType="basic_conformity")
 
 
 # Results.
@@ -182,9 +182,9 @@ def _measured(c: Certificate) -> ElementTree.Element:
 
 
 def _equipment(each: Equipment) -> ElementTree.Element:
-    said = [f"{label}: {text}" for label, text in (("certificate", each.certificate), ("calibration due", each.due)) if text]
+    notes = [f"{label}: {text}" for label, text in (("certificate", each.certificate), ("calibration due", each.due)) if text]
     known = e("identification", e("issuer", "calibrationLaboratory"), e("value", each.identification))
-    more = [named("description", *said)] if said else []
+    more = [named("description", *notes)] if notes else []
     more += [e("identifications", known)] if each.identification else []
     return e("measuringEquipment", named("name", each.name), *more, refType="basic_normalUsed")
 
@@ -193,8 +193,8 @@ def _conditions(c: Certificate) -> Iterator[ElementTree.Element]:
     if c.temperature_c is not None:
         ends = zip(("basic_temperatureMin", "basic_temperatureMean", "basic_temperatureMax"), c.temperature_c, strict=True)
         data = e("data", *(e("quantity", _real(value, r"\degreecelsius"), refType=kind) for kind, value in ends))
-        said = named("name", "Temperature of the sensor, by its own thermometer")
-        yield e("influenceCondition", said, data, refType="basic_temperature")
+        declared = named("name", "Temperature of the sensor, by its own thermometer")
+        yield e("influenceCondition", declared, data, refType="basic_temperature")
     for label, text, key in c.conditions:
         if key in ("certificate.conditions", "certificate.place", "site.latitude_deg"):
             yield e("influenceCondition", named("name", label), e("data", named("text", text)))
@@ -245,8 +245,8 @@ def _conforms(each: Conformity) -> ElementTree.Element:
         if np.isfinite(limit):
             limits.append(e("quantity", _real(limit * size, unit), refType=f"basic_toleranceLimit{side}"))
             limits.append(e("quantity", _real(accepted * size, unit), refType=f"basic_acceptanceLimit{side}"))
-    said = named("declaration", each.risk_words)
-    return e("metaData", said, *some("conformity", answer), e("data", *limits), refType="basic_conformity")
+    declared = named("declaration", each.risk_words)
+    return e("metaData", declared, *some("conformity", answer), e("data", *limits), refType="basic_conformity")
 
 
 def _closure(c: Certificate, conforms: Sequence[Conformity]) -> Iterator[ElementTree.Element]:

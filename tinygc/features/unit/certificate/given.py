@@ -1,4 +1,4 @@
-"""``[certificate]`` of session.toml: what a calibration certificate states that no measurement tells (certificate.md)."""
+"""``[certificate]`` of session.toml: what a calibration certificate states that no measurement shows (certificate.md)."""
 
 from __future__ import annotations
 
@@ -132,7 +132,7 @@ class CertificateGiven:
     role: Words = ""
     #: when the item came. Dates stand without quotes. The order of every two is checked; that of the day of the recording leaves a draft
     received: Date = None
-    #: when it was calibrated; without it the day of the recording, where its port or its notes tell it
+    #: when it was calibrated; without it the day of the recording, where its port or its notes show it
     calibrated: Date = None
     #: when the certificate is issued
     issued: Date = None

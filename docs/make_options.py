@@ -107,7 +107,7 @@ def commands_text() -> str:
 
 
 def library_text() -> str:
-    """The function of each command, the other functions, the records they give, and the keywords of options."""
+    """The function of each command, the other functions, the records they give, and the keywords that are no option."""
     functions = {name: FUNCTIONS.get(name, f"tinygc.{name}") for name in commands()}
     lines = ["### Functions", "", "| command | function | what it does |", "| --- | --- | --- |"]
     lines += [_row(f"`{name}`", f"`{dotted}`", first_sentence(there(dotted))) for name, dotted in functions.items()]
@@ -117,12 +117,12 @@ def library_text() -> str:
     lines += ["", "### Records", "", "| record | what it has |", "| --- | --- |"]
     lines += [_row(f"`{name}`", ", ".join(f"`{each}`" for each in has(getattr(tinygc, name)))) for name in RECORDS if hasattr(tinygc, name)]
     lines.append("")
-    keywords = {FitOptions: "`fit`, `report`, `budget`", SimulationOptions: "`simulate`", Answers: "what a log may not state"}
-    for kind, called in keywords.items():
-        lines += [f"### {kind.__name__}: {called}", "", "| keyword | default | meaning |", "| --- | --- | --- |"]
+    for kind in (FitOptions, SimulationOptions):
+        lines += [f"### {kind.__name__}", "", "| keyword | default | meaning |", "| --- | --- | --- |"]
         for each, rule in declared(kind):
-            unit = f"{rule.unit}; " if rule.unit else ""
-            lines.append(_row(f"`{each.name}`", typed_as(each, rule)[1], f"{unit}{brief(rule.help)}"))
+            if not rule.cli:
+                unit = f"{rule.unit}; " if rule.unit else ""
+                lines.append(_row(f"`{each.name}`", typed_as(each, rule)[1], f"{unit}{brief(rule.help)}"))
         lines.append("")
     return "\n".join(lines)
 

@@ -20,10 +20,11 @@ SPILLED = """[...document.querySelectorAll('main *')].filter(e => {
   const box = e.getBoundingClientRect(), own = getComputedStyle(e);
   return box.width && (box.right > innerWidth + 1 || box.left < -1 || (own.display !== 'inline' && e.scrollWidth > e.clientWidth + 2));
 }).map(e => `${e.tagName} ${e.id} ${e.className} ${e.textContent.slice(0, 40)}`)"""
-COLOURS = """['board', 'sphere'].filter(id => document.getElementById(id).clientWidth).map(id => { const c = document.getElementById(id);
+COLOURS = """['board', 'sphere', 'rates'].filter(id => document.getElementById(id).clientWidth).map(id => {
+  const c = document.getElementById(id);
   return new Set(new Uint32Array(c.getContext('2d').getImageData(0, 0, c.width, c.height).data.buffer)).size })"""
 #: whether anything is drawn in the outermost pixels of a picture: it would be cut
-CUT = """['board', 'sphere'].filter(id => document.getElementById(id).clientWidth).filter(id => {
+CUT = """['board', 'sphere', 'rates'].filter(id => document.getElementById(id).clientWidth).filter(id => {
   const c = document.getElementById(id), g = c.getContext('2d'), w = c.width, h = c.height;
   return [[0, 0, w, 1], [0, h - 1, w, 1], [0, 0, 1, h], [w - 1, 0, 1, h]].some(box => g.getImageData(...box).data.some(part => part)) })"""
 #: what is read from two metres
@@ -217,3 +218,30 @@ def test_a_page_that_was_cut_off_comes_back(browser):
         shown(browser, "document.getElementById('count').textContent.startsWith('1 of')")
     finally:
         second.close()
+
+
+#: whether a pixel near (x, y) CSS px of the picture has the page's colour of that name
+HAS = """(() => { const g = document.getElementById('rates').getContext('2d'), probe = document.createElement('canvas').getContext('2d');
+  probe.fillStyle = getComputedStyle(document.documentElement).getPropertyValue('--%s').trim(); probe.fillRect(0, 0, 1, 1);
+  const want = probe.getImageData(0, 0, 1, 1).data, seen = g.getImageData(%s, %s, 12, 5).data;
+  const near = i => [0, 1, 2].every(k => Math.abs(seen[4 * i + k] - want[k]) < 40);
+  return Array.from({ length: seen.length / 4 }, (_, i) => near(i)).includes(true); })()"""
+
+
+@pytest.mark.parametrize(("rates", "most"), [((100.0, -50.0, 0.0), 125.0), ((20.0, 10.0, -31.0), 31.25), ((400.0, 0.0, -200.0), 500.0)])
+def test_the_rates_of_the_last_ten_seconds_are_lines_to_scale(browser, server, rates, most):
+    """Ten seconds and not more; the full scale is a dashed line where the picture reaches it."""
+    CoachedHand(server, segments=4).until(lambda guide: guide.stage is Stage.TURN)
+    browser.open(server.address, 1280, 900, still=True)
+    shown(browser, "document.getElementById('rate').textContent !== '–'")
+    poses = [{"t_s": 1000 + 0.1 * k, "rate_dps": [499.0] * 3 if k < 100 else list(rates)} for k in range(210)]
+    awaited(
+        browser,
+        f"import('./rates.js').then(page => {{ for (const pose of {json.dumps(poses)}) page.remember(pose); page.drawRates(500); }})",
+    )
+    width, height = (browser.evaluate(f"document.getElementById('rates').client{side}") for side in ("Width", "Height"))
+    for rate, name in zip(rates, ("now", "wanted", "good"), strict=True):
+        y = height / 2 - rate / most * (height / 2 - 11)
+        assert browser.evaluate(HAS % (name, round(width / 2), round(y) - 2)), name
+    dashed = [browser.evaluate(HAS % ("bad", 70, y - 2)) for y in (11, height - 11)]
+    assert dashed == [most == 500.0] * 2

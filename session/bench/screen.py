@@ -32,7 +32,9 @@ class LiveScreen(Live):
     """A context with the live view in a terminal."""
 
     def __init__(self, title: str, mute: bool = False, console: PlainConsole | None = None):
-        super().__init__(console=console or PlainConsole(stderr=True), auto_refresh=False, redirect_stdout=False, redirect_stderr=False)
+        super().__init__(
+            console=console or PlainConsole(stderr=True), auto_refresh=False, transient=True, redirect_stdout=False, redirect_stderr=False
+        )
         self._title, self._mute = printable(title), mute
         self._changes: deque[GuideMessage] = deque(maxlen=REMEMBERED)
 

@@ -14,7 +14,7 @@ from session.base import rotation
 from session.base.texts import printable
 from session.base.units import DEG, NS
 from session.bench.guide import Guide, View
-from session.bench.messages import AcceptedTurn, GuideMessage, Kind, Stage
+from session.bench.messages import GuideMessage, Kind, Stage
 from session.bench.page.server import PageServer
 from session.log.samples import Samples, joined
 
@@ -87,22 +87,12 @@ def carried(q: np.ndarray, rate: np.ndarray, dt_s: np.ndarray) -> np.ndarray:
     return moved / np.linalg.norm(moved)
 
 
-def closure_deg(turn: AcceptedTurn) -> float:
-    """Angle between gravity at a turn's end and its prediction from the turn's beginning by the measured rate."""
-    (first, last), rate = turn.segment.stills, turn.rate
-    q = carried(levelled(NONE, first.accel_mean), (rate[1:] + rate[:-1]) / 2, turn.samples.dt_s)
-    expected, found = rotated(rotation.conjugate(q), UP), last.accel_mean / np.linalg.norm(last.accel_mean)
-    return float(rotation.angle_between(expected, found) / DEG)
-
-
 # The page's events: ``pose`` many times a second, ``state`` as often as the screen is drawn.  Degrees, dps; never NaN.
 
 MOST_STILLS = 200  #: on the sphere: the last of them
 
 
-def state_of(
-    guide: Guide, still: np.ndarray, messages: Collection[tuple[int, str, float, str]], closure_deg: float | None
-) -> dict[str, Any]:
+def state_of(guide: Guide, still: np.ndarray, messages: Collection[tuple[int, str, float, str]]) -> dict[str, Any]:
     """The ``state`` event.  still: attitude in the last accepted still, where the requested movement begins; messages: the last ones."""
     now, health, wait = guide.instruction, guide.health, guide.wait
     forces = [guide.taken.corrected(each.accel_mean) for each in guide.taken.stills[-MOST_STILLS:]]
@@ -118,14 +108,13 @@ def state_of(
         "moving": guide.stage in (Stage.HOLD_STILL, Stage.TURN, Stage.CLOSURE) and guide.turn.moving,
         "turned_deg": round(guide.turn.path_rad / DEG, 1),
         "accepted": guide.accepted,
-        "wanted": guide.segments,
+        "wanted": None if guide.stop_at_target else guide.segments,
         "rejected": guide.rejected,
         "connected": guide.stage is not Stage.FIND_PORT,
         "enough": guide.enough,
         "target": target,
         "up": [_rounded(force / max(float(np.linalg.norm(force)), 1e-9), 3) for force in forces],
         "sigmas": [{"name": name, "of_target": round(min(sigma, 1e6), 3) if math.isfinite(sigma) else 1e6} for name, sigma in sigmas],
-        "closure_deg": None if closure_deg is None else round(closure_deg, 3),
         "temp_c": None if health.temp_c is None or not math.isfinite(health.temp_c) else round(health.temp_c, 1),
         "wait": None if wait is None else wait.words,
         "odr_hz": None if health.odr_hz is None else round(health.odr_hz, 2),
@@ -168,15 +157,11 @@ class PageView:
         self._recent: deque[tuple[int, str, float, str]] = deque(maxlen=REMEMBERED)
         self._numbers, self._sent_s = 0, 0.0
         self._unseen: list[Samples] = []
-        self._last_turn: AcceptedTurn | None = None
-        self._closure_deg: float | None = None
         self._failed = False
 
     def change(self, change: GuideMessage) -> None:
         """Show a message."""
         self._screen.change(change)
-        if (turn := change.accepted) is not None:
-            self._last_turn = turn
         if change.kind is not Kind.STAGE:
             self._numbers += 1
             self._recent.append((self._numbers, change.kind.value, change.at_s, change.text))
@@ -187,9 +172,7 @@ class PageView:
         self._guarded(lambda: self._publish_state(guide))
 
     def _publish_state(self, guide: Guide) -> None:
-        if self._last_turn is not None:
-            self._closure_deg, self._last_turn = closure_deg(self._last_turn), None
-        self._server.publish("state", state_of(guide, self._still, self._recent, self._closure_deg))
+        self._server.publish("state", state_of(guide, self._still, self._recent))
 
     def watch(self, guide: Guide, samples: Samples) -> None:
         """Take samples after the guide.  Many are processed at once, at a tenth of the cost of single portions."""

@@ -1,11 +1,11 @@
-// What comes as lists: sigmas beside their targets, what has happened; and what follows the end.
+// What comes as lists: sigmas and their targets, what has happened; and what follows the end.
 
 import { play } from "./sound.js";
 import { made, part, write } from "./writing.js";
 
 const MARKS = { ready: "●", accepted: "✓", rejected: "✗", warning: "⚠", done: "✓" };
 const LEAST = 0.3, MOST = 36;  // times the target, on a bar of logarithms: 25 % of it are 1
-let sigmasShown = "", saidShown = "", sounded = null;
+let sigmasShown = "", messagesShown = "", sounded = null;
 
 const lengthOf = of => Math.max(2, Math.min(100, 100 * Math.log(of / LEAST) / Math.log(MOST / LEAST)));
 
@@ -13,7 +13,7 @@ export function showSigmas(sigmas) {
   const shown = JSON.stringify(sigmas);
   if (shown === sigmasShown) return;
   sigmasShown = shown;
-  write("reached", sigmas.length ? `${sigmas.filter(each => each.of_target <= 1).length} of ${sigmas.length} are there` : "–");
+  write("reached", sigmas.length ? `${sigmas.filter(each => each.of_target <= 1).length} of ${sigmas.length}` : "–");
   const list = part("sigmas");
   while (list.children.length > sigmas.length) list.lastElementChild.remove();
   sigmas.forEach(({ name, of_target }, i) => {
@@ -38,8 +38,8 @@ export function showMessages(messages) {
   if (sounded !== null) messages.filter(({ number }) => number > sounded).forEach(({ kind }) => play(kind));
   sounded = last;
   const shown = JSON.stringify(messages);
-  if (shown === saidShown) return;
-  saidShown = shown;
+  if (shown === messagesShown) return;
+  messagesShown = shown;
   part("messages").replaceChildren(...messages.slice(-3).reverse().map(({ at_s, text, kind }) => {
     const item = document.createElement("li");
     item.append(made(MARKS[kind] ?? "", "mark"), made(`${at_s.toFixed(1)} s`, "at"), made(text));

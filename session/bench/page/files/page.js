@@ -4,6 +4,7 @@ import { drawBoard, turnTheView } from "./board.js";
 import { forgetColours } from "./canvas.js";
 import { showEnd, showMessages, showSigmas } from "./lists.js";
 import { goalOf, toGo } from "./path.js";
+import { drawRates, remember } from "./rates.js";
 import { follow } from "./stream.js";
 import { soundButton, soundIsOn } from "./sound.js";
 import { drawSphere, facesOf } from "./sphere.js";
@@ -17,9 +18,9 @@ let pose = null, state = null, end = null, requested = false, drawn = 0;
 
 function showPose() {
   const of = 100 * pose.peak_dps / pose.full_scale_dps;
-  share("speed", of / 100);
-  part("speed").classList.toggle("fast", of > FAST);
-  write("rate", `${pose.peak_dps.toFixed(0)} of ${pose.full_scale_dps} dps${of > FAST ? ": slower!" : ""}`);
+  part("rate").classList.toggle("fast", of > FAST);
+  write("rate", `${pose.peak_dps.toFixed(0)} of ${pose.full_scale_dps} °/s${of > FAST ? ": slower!" : ""}`);
+  drawRates(pose.full_scale_dps);
 }
 
 // The still's countdown, or how much of the coach's present turn is left.
@@ -41,15 +42,16 @@ function showState(goal, left, there) {
   const unplugged = !state.connected && state.samples > 0;
   document.body.className = [state.good ? "" : "bad", state.stage === "done" ? `over ${state.good ? "done" : ""}` : "", unplugged ? "unplugged" : ""].join(" ");
   write("stage", unplugged ? "no board" : state.stage === "done" && !state.good ? "ended" : state.stage);
-  write("count", `${state.accepted} of ${state.wanted} turns${state.rejected ? `, ${state.rejected} rejected` : ""}`);
-  share("progress", state.accepted / state.wanted);
+  const turns = state.wanted === null ? `${state.accepted}` : `${state.accepted} of ${state.wanted}`;
+  write("count", `${turns} turns${state.rejected ? `, ${state.rejected} rejected` : ""}`);
+  const met = state.sigmas.filter(each => each.of_target <= 1).length;
+  share("progress", state.wanted === null ? met / (state.sigmas.length || 1) : state.accepted / state.wanted);
   const step = stepOf(goal);
   write("do", step);
   part("do").classList.toggle("long", step.length > LONG);
   write("why", state.why);
   showBar(goal, left, there);
-  write("closure", state.closure_deg === null ? "–" : `${state.closure_deg.toFixed(2)}°`);
-  write("stills", `${facesOf(state.up).length} of 6 faces, ${state.up.length} rests`);
+  write("stills", `${facesOf(state.up).length} of 6 faces`);
   showSigmas(state.sigmas);
   showMessages(state.messages);
   const warm = state.temp_c === null ? "" : `; ${state.temp_c} °C${state.wait ? `: ${state.wait}` : ""}`;
@@ -98,7 +100,7 @@ function wish(words, done = () => {}) {
 }
 
 follow({
-  pose: value => { pose = value; soon(); },
+  pose: value => { pose = value; remember(value); soon(); },
   state: value => { state = value; soon(); },
   alive: () => {},
   end: value => { end = value; showEnd(end); soon(); },
@@ -107,7 +109,7 @@ follow({
     if (end && end.report !== "offered" && end.report !== "making") return;
     document.body.className = "bad lost";
     write("stage", "no connection");
-    write("why", "this page is cut off from the recording; it asks again by itself. A recording that was started anew has a new address");
+    write("why", "this page is cut off from the recording; it asks again by itself. A new recording has a new address");
   },
   listens: soundIsOn,
 });

@@ -1,4 +1,4 @@
-// Words and bars of the page; what is as it was is not touched, so that nobody hears it read aloud again.
+// Words and bars of the page; what is as it was is not touched, so that no screen reader reads it again.
 
 export const part = id => document.getElementById(id);
 

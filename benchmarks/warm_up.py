@@ -2,7 +2,7 @@
 
 Simulated sessions of 40 segments, each twice: as it is, and with a bias that follows a warm-up (exponential, of which the session sees
 what is left of it) on one axis.  The difference of the two least squares fits is the drift's doing alone: of E, and of B beside the mean
-bias.  It sets ``_BAR_RPS`` of ``session/bench/live.py``.
+bias.  It sets ``_BAR_RPS`` of ``session/bench/live.py``; ``cold_start.py`` measures whole sessions.
 """
 
 from __future__ import annotations

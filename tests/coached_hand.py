@@ -53,7 +53,7 @@ BIAS_DPS = np.array([0.5, -0.3, 0.6])
 
 
 class Silent:
-    """A screen that says nothing."""
+    """A screen that shows nothing."""
 
     def change(self, change) -> None: ...
 
@@ -80,6 +80,7 @@ class CoachedHand:
         self.guide.coached = True
         self.attitude = Rotation.identity()
         self._rng, self._odr_hz, self._number = np.random.default_rng(seed), odr_hz, 0
+        self.received: list[Samples] = []
         self._moments = self._session()
 
     def until(self, true) -> Guide:
@@ -117,27 +118,33 @@ class CoachedHand:
         """About an axis of the body, from rest to rest."""
         began, step = self.attitude, max(1, round(0.1 * self._odr_hz))
         count = round(seconds * self._odr_hz)
-        part = np.arange(1, count + 1) / count
+        seconds, part = count / self._odr_hz, np.arange(1, count + 1) / count
         way = part - np.sin(2 * np.pi * part) / (2 * np.pi)
         rate = ((1 - np.cos(2 * np.pi * part)) / seconds)[:, None] * vector
         attitudes = began * Rotation.from_rotvec(way[:, None] * vector)
+        gyro, temp_c = self.measured(rate, attitudes, (self._number + np.arange(count)) / self._odr_hz)
         wide = np.sqrt(self._odr_hz / 2)
-        gyro = (rate + BIAS_DPS * DEG) @ ERRORS.T + 0.005 * DEG * wide * self._rng.normal(size=rate.shape)
+        gyro = gyro + 0.005 * DEG * wide * self._rng.normal(size=rate.shape)
         force = attitudes.inv().apply([0, 0, GRAVITY]) + 6e-4 * wide * self._rng.normal(size=rate.shape)
         t_ns = np.rint((self._number + np.arange(count)) * 1e9 / self._odr_hz / 1000).astype(np.int64) * 1000
         self._number += count
-        samples = Samples(t_ns, gyro, force, np.full(count, 31.4))
+        samples = Samples(t_ns, gyro, force, temp_c)
+        self.received.append(samples)
         for first in range(0, count, step):
             self.attitude = attitudes[min(first + step, count) - 1]
             self._take(samples.between(first, first + step))
             yield
         self.attitude = began * Rotation.from_rotvec(vector)
 
+    def measured(self, rate: np.ndarray, attitudes: Rotation, t_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What a gyroscope without noise reads (N, 3), and its temperature (N,), of rates (N, 3) rad/s against the table."""
+        return (rate + BIAS_DPS * DEG) @ ERRORS.T, np.full(len(t_s), 31.4)
+
     def _take(self, samples: Samples) -> None:
         for change in self.guide.feed(samples):
             self.page.change(change)
             if change.accepted is not None:
                 self.guide.advise(self.coach(self.guide.taken.progress))
-        self.page._sent_s = 0.0  # here nobody waits 40 ms between two portions
+        self.page._sent_s = 0.0  # here no 40 ms pass between two portions
         self.page.watch(self.guide, samples)
         self.page.show(self.guide)

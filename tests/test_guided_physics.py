@@ -157,7 +157,7 @@ def test_a_port_that_is_gone_and_a_stream_that_is_none_are_said(monkeypatch):
     why = [now.why for now in said.instructions]
     assert "/dev/ttyACM0: Input/output error; it is tried again and again" in why
     assert any("no bytes arrive: is the board sending?" in words for words in why)
-    assert any("the board says: nothing answers at 0x68" in words for words in why)
+    assert any("the board reports: nothing answers at 0x68" in words for words in why)
     assert any("812 bytes and 3 frames that are none: is the baud rate right?" in words for words in why)
     assert guide.accepted == 3
 
@@ -174,7 +174,7 @@ def test_a_file_that_contradicts_all_that_was_recorded_sets_nothing_apart():
 
     def contradicted(info, waited_s):
         if info:
-            raise OtherSensor("session.toml: sensor.gyro_fs_dps is 1000, the board says 500; correct the wrong one")
+            raise OtherSensor("session.toml: sensor.gyro_fs_dps is 1000, the board gives 500; correct the wrong one")
 
     port = Port([], resumed=[*WHOLE[:41], *WHOLE])
     with pytest.raises(OtherSensor, match=r"correct the wrong one$"):
@@ -364,7 +364,7 @@ def test_resumed_after_turns_the_rest_has_its_own_log_and_no_turn_counts():
     assert 4.0 <= guide.rested_s < 4.11
 
 
-# What the board says of itself.
+# What the board reports of itself.
 
 
 def heard(*data: bytes) -> list[str]:

@@ -72,11 +72,11 @@ def test_like_lends_accelerometer_site_and_protocol(tmp_path):
 
 def test_a_board_that_contradicts_is_not_believed_in_silence(tmp_path):
     (tmp_path / "session.toml").write_text(OWN)
-    with pytest.raises(CalibrationError, match=r"sensor.gyro_fs_dps is 500, the board says 1000; correct"):
+    with pytest.raises(CalibrationError, match=r"sensor.gyro_fs_dps is 500, the board gives 1000; correct"):
         file_of(tmp_path).configure(Info(1000.0, 4.0, 416.0, ""))
-    with pytest.raises(CalibrationError, match=r"sensor.accel_fs_g is 4, the command line says 8"):
+    with pytest.raises(CalibrationError, match=r"sensor.accel_fs_g is 4, the command line gives 8"):
         file_of(tmp_path, accel_fs_g=8.0)
-    with pytest.raises(CalibrationError, match=r"the board says gyro_fs_dps = 500, --gyro-fs says 250: leave it out"):
+    with pytest.raises(CalibrationError, match=r"the board reports gyro_fs_dps = 500, --gyro-fs gives 250: leave it out"):
         file_of(tmp_path / "new", gyro_fs_dps=250.0).configure(INFO)
     assert not (tmp_path / "new" / "session.toml").exists()
 

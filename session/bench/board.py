@@ -1,4 +1,4 @@
-"""What a board says of itself, in words for the operator; and whether it is still the same board."""
+"""What a board reports of itself, in words for the operator; and whether it is still the same board."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ FOUND = (
     "those before it hold no sensor's samples: take them out of the folder (check names them)"
 )
 SETTLES = "the sensor's filters settle: samples come once they have (narrow filters at a low rate take up to a minute)"
-#: by ``BoardStatus.reset``; a board says it until power-up, so it need not have happened in this recording
+#: by ``BoardStatus.reset``; a board reports it until power-up, so it need not have happened in this recording
 RESET_WORDS = {
     "watchdog": "the board's last reset since power-up was its watchdog's: its program had hung",
     "fault": "the board's last reset since power-up was behind a fault of its core: its program had gone astray",

@@ -28,7 +28,7 @@ class Clock:
 # some stretches together the least of these: the slope of a line through 10 such moments is the clock's rate.  Its sigma is that by their
 # own scatter, the largest of the lines through 5, 10 and 20: a delay that wanders slowly shows in the few.
 #
-# A port that is asked in every frame of USB delivers up to a frame late, and where frames and samples keep step, this wanders once in
+# A port that is polled in every frame of USB delivers up to a frame late, and where frames and samples keep step, this wanders once in
 # minutes: no scatter shows it.  An adapter that hands over x samples at a time, by a timer of its own, leaves the last one n x steps of a
 # sample's period old: what these leave open of the period may wander likewise.  A delay that changes by anything up to such a grain turns
 # the line by grain / sqrt(3) / duration.
@@ -38,9 +38,9 @@ BLOCKS = (5, 10, 20)
 FEWEST = max(BLOCKS)  #: stretches, 10 s, before there is a result
 MOST = 1024  #: stretches; beyond them they become twice as long, so that a day takes no more memory than an hour
 FRAME_S = 1e-3  #: of USB at full speed
-OFF = 0.001  #: the two clocks' relative difference that is said at once; a host's is good to 0.0001
+OFF = 0.001  #: the two clocks' relative difference that is reported at once; a host's is good to 0.0001
 OFF_MOST = 0.25  #: beyond it the board is a virtual one that runs faster than real time
-LEAST = 1e-6  #: sigma of a comparison: three digits of a file hold no less beside the host's own error
+LEAST = 1e-6  #: sigma of a comparison: three digits of a file hold no less next to the host's own error
 ONE_BY_ONE = 1.05  #: samples an arrival: up to so many, nothing holds them back
 
 
@@ -64,7 +64,7 @@ class ClockRatio:
 
     @property
     def is_informative(self) -> bool:
-        """Whether it says more than that nothing was seen, of a board in real time."""
+        """Whether it shows more than that nothing was seen, of a board in real time."""
         return 3 * self.sigma < max(OFF, abs(self.ratio - 1)) < OFF_MOST
 
     @classmethod
@@ -86,7 +86,7 @@ class ClockComparison:
         self._begin()
 
     def restart(self) -> None:
-        """Device time begins anew; the rate before stays."""
+        """Device time begins again; the rate before stays."""
         if (found := self._line()) is not None:
             self._before.append(found)
         self._begin()

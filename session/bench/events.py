@@ -1,4 +1,4 @@
-"""Events of a recording: samples, what the board says of itself, and everything else as one record; the columns of a stream; limits."""
+"""Events of a recording: samples, what the board reports of itself, and everything else as one record; the columns of a stream; limits."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ class SampleChunk:
         return SampleChunk(self.t_us[rows], self.registers[rows], self.form, self.damaged[rows], sequence, self.periods[rows])
 
     def in_si(self, units: Callable[[], RegisterUnits]) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-        """Rates and forces (n, 3), and temperatures (n,) where they are known; units: of registers, asked for where there are some."""
+        """Rates and forces (n, 3), and temperatures (n,) where they are known; units: of registers, requested where there are some."""
         values = self.registers.astype(float)
         if self.form.physical:
             gyro, accel = (WORDS[kind][word] for kind, word in zip(("gyro", "accel"), self.form.units, strict=True))
@@ -253,7 +253,7 @@ def faults_text(counts: Sequence[float]) -> str:
     return " ".join(["faults", *(f"{name}={count}" for name, count in zip(FAULTS, counts, strict=True) if count)])
 
 
-# Limits of what a board may send besides samples: a few remarks, and a few changes between text and frames, but no flood.
+# Limits of what a board may send in addition to samples: a few remarks, and a few changes between text and frames, but no flood.
 
 
 class Allowance:

@@ -70,7 +70,7 @@ def encode_blocks(bodies: np.ndarray) -> np.ndarray:
 
 
 def decode_blocks(blocks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Undo COBS and check the CRC of blocks (n, k) uint8 without delimiter: bodies (n, k - 3) uint8 and good (n,) bool."""
+    """Decode COBS and check the CRC of blocks (n, k) uint8 without delimiter: bodies (n, k - 3) uint8 and good (n,) bool."""
     size = blocks.shape[1]
     plain = blocks[:, 1:].copy()
     place = blocks[:, 0].astype(np.int64)

@@ -444,7 +444,7 @@ class Guide:
         return Instruction(self.stage, do, f"peak {peak_dps:.0f} of {full_scale_dps:.0f} dps; {then}", far=turned)
 
     def _expect_advice(self, now_s: float | None = None) -> None:
-        """The board has another attitude now, or other turns count.  now_s: when the coach is asked again, None if it is not."""
+        """The board has another attitude now, or other turns count.  now_s: when the coach is consulted again, None if it is not."""
         self.requested, self._advice_due_since_s = None, now_s
 
     def _begin_log(self) -> None:

@@ -248,7 +248,7 @@ class GuidedRecording:
                 self._announce(Kind.WARNING, words)
         if self._new_logs == SHORT_STARTS:  # a board that resets again and again would fill the screen
             again = f"this was the {SHORT_STARTS}th time, later ones are not shown"
-            self._announce(Kind.WARNING, f"{again}; a start that lasts less than {SHORT_US / 1e6:g} s gets no log")
+            self._announce(Kind.WARNING, f"{again}; a start shorter than {SHORT_US / 1e6:g} s gets no log")
 
     def _samples(self, chunk: SampleChunk) -> None:
         if self.config is None:
@@ -386,7 +386,7 @@ class GuidedRecording:
             counts = self.recorder.decoder
             what = "no bytes arrive: is the board sending?"
             if self._remark:
-                what = f"the board says: {printable(self._remark)}"
+                what = f"the board reports: {printable(self._remark)}"
             elif counts.garbage or counts.crc_errors:
                 what = (
                     f"{counts.garbage} bytes and {counts.crc_errors} frames that are none: is the baud rate right? ({KEEPS_BAUD}; --header)"

@@ -17,7 +17,7 @@ from session.bench.text_stream import parse_info
 # The log files (docs/formats.md).  A reset of the device, or a new connection, starts a new file, since device time restarts.
 
 NOWHERE = ""
-#: a start that lasts less than this is short; after so many short ones in a row, a further short one gets no log
+#: a start shorter than this is short; after so many short ones in a row, a further short one gets no log
 SHORT_US, SHORT_STARTS = 1_000_000, 20
 #: prefix of the logs of another board, which no command reads
 FOREIGN = "foreign"

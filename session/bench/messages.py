@@ -98,7 +98,7 @@ class Progress:
     """A snapshot of the session for the coach, whose thread reads it while the session goes on."""
 
     turns: tuple[AcceptedTurn, ...]  #: those that count
-    stills: tuple[Still, ...] = ()  #: all, in order; their accelerometer is corrected as session.toml says
+    stills: tuple[Still, ...] = ()  #: all, in order; their accelerometer is corrected by session.toml
     own: bool = False  #: whether the accelerometer has no calibration but the session's own stills
     accelerometer: Accelerometer | None = None  #: that calibration, once there is one
     gyro_fs_rps: float = inf  #: full scale

@@ -160,7 +160,7 @@ LONGEST_MARK = 1 << 16
 MOST_EVENTS = 100_000
 #: event of a recording that went on behind bytes that are gone
 CUT = "cut"
-#: bytes of raw.times that tell how much had come
+#: bytes of raw.times that hold how much had come
 TAIL = 2 * LONGEST_MARK
 #: arrival times closer together than this share a line
 TIME_STEP_NS = 10_000_000

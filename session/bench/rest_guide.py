@@ -24,7 +24,7 @@ MEMORY_BLOCKS = 1200
 
 @dataclass(frozen=True)
 class RestAnswer:
-    """What a rest has shown so far.  lines: for the operator, the first of them says how long is enough; known: whether it is enough."""
+    """What a rest has shown so far.  lines: for the operator, the first of them states how long is enough; known: whether it is enough."""
 
     lines: tuple[str, ...]
     known: bool = False
@@ -99,9 +99,9 @@ class RestGuide(Guide):
     @property
     def rows(self) -> list[tuple[str, str]]:
         """Name and text of the screen's rows that a guide of turns does not have."""
-        asked = "" if self.rest_s is None else f" of {in_words(self.rest_s)}"
+        planned = "" if self.rest_s is None else f" of {in_words(self.rest_s)}"
         moved = f"; it moved for {in_words(self.moved_s)}" if self.moved_s else ""
-        return [("rest", f"{in_words(self.rested_s)}{asked}{moved}"), *(("noise", line) for line in self.answer.lines)]
+        return [("rest", f"{in_words(self.rested_s)}{planned}{moved}"), *(("noise", line) for line in self.answer.lines)]
 
     def _stream_is_good(self) -> bool:
         good = super()._stream_is_good()

@@ -33,7 +33,7 @@ NOMINAL_WITHIN = 0.2  #: relative tolerance of a stated rate: the range of INTER
 FLAGS = {"odr_hz": "--odr", "gyro_fs_dps": "--gyro-fs", "accel_fs_g": "--accel-fs"}
 BOARD = "the board"
 BOARD_REMARKS = {
-    "who_am_i": "107 is 0x6B: an ASM330LHH, or a sibling of it (ASM330LHHX, ISM330DHCX, LSM6DSR …); no register says which; "
+    "who_am_i": "107 is 0x6B: an ASM330LHH, or a sibling of it (ASM330LHHX, ISM330DHCX, LSM6DSR …); no register shows which; "
     "108 is 0x6C: an LSM6DSO or LSM6DSOX; an LSM6DSO32 as well, but its accelerometer's ranges are twice as wide: do not use it here"
 }
 MOST_A_SECOND = 99  #: notes
@@ -124,7 +124,7 @@ class SessionFile:
                 self._require_model(self._own.sensor.model, info.sensor, BOARD)
             for name, value in ranges.items():
                 if self._given[name] not in (None, value):
-                    raise CalibrationError(f"the board says {name} = {value:g}, {FLAGS[name]} says {self._given[name]:g}: leave it out")
+                    raise CalibrationError(f"the board reports {name} = {value:g}, {FLAGS[name]} gives {self._given[name]:g}: leave it out")
         self._info = info = info or self._info
         if self._own is None:
             awaited = speaks and (info is None or board is None) and waited_s < PATIENCE_S
@@ -171,7 +171,7 @@ class SessionFile:
         return any(row.log == log and abs(row.at_s - at_s) < SAME_MOMENT_S for row in read_config(self.path).exclude)
 
     def measured(self, clock: ClockRatio | None) -> str:
-        """Write the board's clock, as it was measured, with what the file has of an earlier part; returns what is to be said of it.
+        """Write the board's clock, as it was measured, with what the file has of an earlier part; returns a note of it.
 
         A clock that the user knows, ``clock_sigma_ppm`` alone, stays.
         """
@@ -217,14 +217,14 @@ class SessionFile:
     def _require_model(self, mine: str, other: str | None, who: str) -> None:
         if other and not _same_model(mine, other):
             error = OtherSensor if who == BOARD else CalibrationError
-            raise error(f'{self.path}: sensor.model is "{mine}", {who} says {other}; correct the wrong one')
+            raise error(f'{self.path}: sensor.model is "{mine}", {who} gives {other}; correct the wrong one')
 
     def _require_agreement(self, sensor: Sensor, values: Mapping[str, float | None], who: str) -> None:
         for name, value in values.items():
             mine = getattr(sensor, name)
             if value is not None and (abs(value / mine - 1) > NOMINAL_WITHIN if name == "odr_hz" else value != mine):
                 error = OtherSensor if who == BOARD else CalibrationError
-                raise error(f"{self.path}: sensor.{name} is {mine:g}, {who} says {value:g}; correct the wrong one")
+                raise error(f"{self.path}: sensor.{name} is {mine:g}, {who} gives {value:g}; correct the wrong one")
 
     def _write(self, config: Config, physical: bool) -> None:
         """Write the whole file or nothing: the new file is read and checked before it gets its name."""

@@ -49,7 +49,7 @@ MOST_WORTH = 400  #: turns of the same kind
 FEWEST_STUCK = 16  #: turns before which a machine's session has not been everywhere
 #: rad, of a turn's angle, and m/s^2, of a still's length, before any turn was seen: the data sheet's noise over 5 s and ``STILL_S``
 PLANNED_SIGMA_RAD, PLANNED_TURN_S, PLANNED_SIGMA_MPS2 = 2e-4, 5.0, 0.05 * MG
-#: rad/s: a machine's turns are rated anew where the reading at rest has changed by more
+#: rad/s: a machine's turns are rated again where the reading at rest has changed by more
 ZERO_MOVED_RPS = 0.05 * DEG
 
 

@@ -88,8 +88,8 @@ def propose(where: Session | Path, count: int) -> tuple[list[Proposal], str | No
     session, _ = session.examined()
     all_turns = best_turns(known_of(build_problem(with_bridges(session))), MOST)
     enough = len(all_turns) if len(all_turns) < MOST else None
-    asked = None if session.in_memory else requested_by_explain(session.folder)
-    return all_turns[:count], asked, enough
+    requested = None if session.in_memory else requested_by_explain(session.folder)
+    return all_turns[:count], requested, enough
 
 
 @dataclass(frozen=True, eq=False)

@@ -60,9 +60,9 @@ class SimulationOptions(Record):
     gyro_scale_error: float = option(0.01, "fraction", least=0, most=0.1, cli=False)
     gyro_misalignment: float = option(0.005, "cross-axis terms", unit="rad", least=0, most=0.1, cli=False)
     gyro_bias_dps: float = option(1.0, "draws beyond 2 dps are cut to 2", unit="dps", least=0, most=1e4, cli=False)
-    accel_scale_error: float = option(0.01, "fraction, session.toml's pre-calibration undoes it", least=0, most=0.1, cli=False)
-    accel_misalignment: float = option(0.005, "session.toml's pre-calibration undoes it", unit="rad", least=0, most=0.1, cli=False)
-    accel_bias_mg: float = option(15.0, "session.toml's pre-calibration undoes it", unit="mg", least=0, most=1e4, cli=False)
+    accel_scale_error: float = option(0.01, "fraction, corrected by session.toml's pre-calibration", least=0, most=0.1, cli=False)
+    accel_misalignment: float = option(0.005, "corrected by session.toml's pre-calibration", unit="rad", least=0, most=0.1, cli=False)
+    accel_bias_mg: float = option(15.0, "corrected by session.toml's pre-calibration", unit="mg", least=0, most=1e4, cli=False)
     accel_calibration_error_mg: float = option(
         0.0, "bias that has crept in since the pre-calibration", unit="mg", least=0, most=1e4, cli=False
     )
@@ -120,8 +120,8 @@ class SimulationOptions(Record):
 
 def in_python(options: SimulationOptions) -> str:
     """The call that reproduces this session: segments, closure and seed, and all options that differ from the default."""
-    told = {name: getattr(options, name) for name in ("segments", "closure_s", "seed")} | changed(options)
-    return f"tinygc.simulate({', '.join(f'{name}={value!r}' for name, value in told.items())})"
+    given = {name: getattr(options, name) for name in ("segments", "closure_s", "seed")} | changed(options)
+    return f"tinygc.simulate({', '.join(f'{name}={value!r}' for name, value in given.items())})"
 
 
 # One unit of the sensor on one bench: the errors that a calibration estimates, drawn once.
@@ -138,7 +138,7 @@ class SimulatedUnit:
     """True errors: ``omega = E m + B`` with m as measured; ``f = accel_matrix @ (measured - accel_bias - accel_shift)``.
 
     E (3, 3), B (3,) rad/s; accel_matrix (3, 3), accel_bias (3,) m/s^2 as in session.toml; accel_shift (3,) m/s^2: the part of the
-    bias that session.toml lacks; odr_hz the true rate; heading_deg from true north to the table's index direction.
+    bias that is not in session.toml; odr_hz the true rate; heading_deg from true north to the table's index direction.
     """
 
     E: np.ndarray

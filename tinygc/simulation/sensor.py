@@ -1,6 +1,6 @@
 """A simulated sensor: from a motion to registers and stamps, each imperfection by itself.
 
-The motion says what the elements feel as exact functions of time.  On a grid fine beside filters and tremor hidden physics is added, then
+The motion gives what the elements feel as exact functions of time.  On a grid fine next to filters and tremor hidden physics is added, then
 the unit's linear errors; each element has white noise and a low-pass; the output is decimated, and has flicker, full scale and steps.
 """
 

@@ -165,7 +165,7 @@ def simulated(options: SimulationOptions, calibrated: bool = True) -> BoardSourc
 
 
 def info_of(options: SimulationOptions, unit: SimulatedUnit) -> Info:
-    """What the board of a simulated sensor says of itself."""
+    """What the board of a simulated sensor reports of itself."""
     return Info(options.gyro_fs_dps, options.accel_fs_g, unit.odr_hz, str(options.unit_drawn_from), options.sensor)
 
 
@@ -269,7 +269,7 @@ class VirtualBoard:
     uptime_s: float = 0.0
     faults: LineFaults = field(default_factory=LineFaults)
     seed: int = 0
-    say: Told = untold
+    report: Told = untold
     clock: Clock = field(default_factory=Clock)
     sent: int = 0
     starts: int = 0
@@ -281,7 +281,7 @@ class VirtualBoard:
         lead, length = round(self.lead_s * odr_hz), len(self.source.rows)
         last = None if self.tail_s is None else length + round(self.tail_s * odr_hz)
         self._position = -lead  # of the next sample in the source
-        began, self._begun, told = self.clock.now_s(), False, False
+        began, self._begun, over = self.clock.now_s(), False, False
         self._reset_at, self._unplug_at = (self._next(period) for period in (self.faults.reset, self.faults.unplug))
         self._plug_at = np.inf  # host time
         self._start(self.uptime_s)
@@ -291,26 +291,26 @@ class VirtualBoard:
                 if not self.terminal.has_reader:
                     continue
                 self._begun, began = True, self.clock.now_s()
-                self.say(f"a reader is there: {self.lead_s:g} s still, then the session")
+                self.report(f"reader connected: {self.lead_s:g} s still, then the session")
                 self._start(self.uptime_s)
             due = -lead + int((self.clock.now_s() - began) * odr_hz * self.speed)
             # After a delay of the host, catch up in small steps: a burst would overrun the buffer.
             due = min(due, self._position + max(64, int(CATCH_UP_S * odr_hz * self.speed)))
             self._send(due if last is None else min(due, last))
-            if not told and self._position >= length:
-                told = True
-                self.say("the session is over: still from here on")
+            if not over and self._position >= length:
+                over = True
+                self.report("session over: still from here on")
             if self._position >= self._unplug_at:
-                self.say("the cable is pulled")
+                self.report("cable pulled")
                 self.terminal.unplug()
                 self._unplug_at, self._plug_at = np.inf, self.clock.now_s() + UNPLUGGED_S
             elif self.clock.now_s() >= self._plug_at:
-                self.say("the cable is back, and the board starts up")
+                self.report("cable back: the board starts up")
                 self.terminal.plug()
                 self._unplug_at, self._plug_at = self._next(self.faults.unplug), np.inf
                 self._start(0.0)
             elif self._position >= self._reset_at:
-                self.say("the board resets")
+                self.report("the board resets")
                 self._reset_at = self._next(self.faults.reset)
                 self._start(0.0)
                 self._silent_until = self._position + round(RESET_S * self.source.info.odr_hz)

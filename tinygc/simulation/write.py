@@ -130,7 +130,7 @@ def check_folder(folder: Path, force: bool) -> None:
     if TRUTH not in present:
         raise FormatError(f"{folder}: holds no simulation ({TRUTH} is missing) and is not replaced; give a new folder")
     if strangers := [name for name in present if not _is_a_simulations(folder / name)]:
-        raise FormatError(f"{folder}: holds {min(strangers)} beside a simulation and is not replaced; give a new folder")
+        raise FormatError(f"{folder}: holds {min(strangers)} next to a simulation and is not replaced; give a new folder")
 
 
 def earlier_in(folder: Path) -> list[str]:
@@ -177,7 +177,7 @@ def config_of(options: SimulationOptions, unit: SimulatedUnit, calibrated: bool 
 
 def head_of(options: SimulationOptions, concealed: bool = False) -> str:
     """First lines of session.toml: that it is simulated, and how to make it again."""
-    remark = f"# Physics is concealed in it besides: {TRUTH} tells which.\n" if concealed else ""
+    remark = f"# Physics is concealed in it, too: {TRUTH} names it.\n" if concealed else ""
     return f"{SIMULATED}, not recorded.  To make it again: {comment(in_python(options))}\n{remark}"
 
 

@@ -68,10 +68,10 @@ TYPES = {
     "svg": "image/svg+xml",
 }
 PAGE, REPORT, EVENTS, WISH = "page.html", "report.html", "events", "wish"
-NOBODY_ELSE = "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+NO_OTHER_SITE = "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src 'self'; "
-    + NOBODY_ELSE,
+    + NO_OTHER_SITE,
     "Referrer-Policy": "no-referrer",
     "X-Content-Type-Options": "nosniff",
     "Cross-Origin-Resource-Policy": "same-origin",
@@ -80,7 +80,7 @@ HEADERS = {
 #: the report contains its style and its pictures, and no script
 REPORT_HEADERS = {
     **HEADERS,
-    "Content-Security-Policy": f"sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src data:; {NOBODY_ELSE}",
+    "Content-Security-Policy": f"sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src data:; {NO_OTHER_SITE}",
 }
 
 
@@ -102,7 +102,7 @@ class Handler(BaseHTTPRequestHandler):
         elif (name or PAGE) in server.pages:
             name = name or PAGE
             self._answer(HTTPStatus.OK, TYPES[name.rpartition(".")[2]], server.pages[name])
-        elif server.asked is not None and (found := server.asked(name)) is not None:
+        elif server.answer_of is not None and (found := server.answer_of(name)) is not None:
             self._answer(HTTPStatus.OK, "application/json", found)
         elif name == REPORT and server.report is not None and (report := server.report()) is not None:
             self._answer(HTTPStatus.OK, HTML, report, REPORT_HEADERS)
@@ -195,7 +195,7 @@ class PageServer(ThreadingHTTPServer):
         self.token = secrets.token_urlsafe(18)
         self.wishes, self.closing = BrowserCommands(), False
         self.heard = self.wishes.hear  #: takes a command
-        self.asked: Callable[[str], bytes | None] | None = None  #: returns the JSON of a name, None of one that is not known
+        self.answer_of: Callable[[str], bytes | None] | None = None  #: returns the JSON of a name, None of one that is not known
         self.report: Callable[[], bytes | None] | None = None  #: returns the session's report, None without one
         folder = folder or files("session.bench.page").joinpath("files")
         self.pages = {path.name: path.read_bytes() for path in folder.iterdir() if "." in path.name}

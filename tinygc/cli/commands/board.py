@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 from session.base import features
 from session.base.errors import CalibrationError
 from session.base.options import argument, file_written, option
-from session.base.progress import Told
 from session.base.texts import printable
 from tinygc.cli.arguments import is_standard_output
 from tinygc.cli.options import LONGEST_S, Command, Force
@@ -33,7 +32,7 @@ class Options(Command, Force, Seed):
     closure: float = option(0.0, "closure run behind it, begun on the index mark; 0: none", unit="s", least=0, most=LONGEST_S)
     raw_accelerometer: float | None = option(
         None,
-        "one that nobody has calibrated: bias of so many mg (30), scale 1 %, axes 5 mrad; --config then does not mention it",
+        "an uncalibrated one: bias of so many mg (30), scale 1 %, axes 5 mrad; --config then does not mention it",
         unit="mg",
         above=0,
         alone=30.0,
@@ -80,7 +79,7 @@ def _board(args: Options) -> int:
     from session.bench.clocks import Clock
     from tinygc.simulation.virtual_board import LineFaults, VirtualBoard
 
-    def say(what: str) -> None:
+    def report(what: str) -> None:
         if not args.quiet:
             print(printable(what), file=sys.stderr, flush=True)
 
@@ -94,7 +93,7 @@ def _board(args: Options) -> int:
     table = None
     try:
         table = features.first("table under a virtual board", args, _options(args))
-        source = table.source if table else _source(args, terminal.name, say)
+        source = table.source if table else _source(args, terminal.name)
         if args.config and source.config:
             write_text_whole(args.config, source.config)
     except BaseException:
@@ -102,7 +101,7 @@ def _board(args: Options) -> int:
         raise
     with terminal, table or nullcontext():
         if table:
-            say(f"the table is at {table.name}")
+            report(f"the table is at {table.name}")
         board = VirtualBoard(
             source=source,
             terminal=terminal,
@@ -114,18 +113,19 @@ def _board(args: Options) -> int:
             uptime_s=args.uptime,
             faults=faults,
             seed=args.seed,
-            say=say,
+            report=report,
             clock=table.clock if table else Clock(),
         )
         try:
             if not args.quiet and not is_standard_output(args.json):
                 print(terminal.name, flush=True)
-            say(f"{source.info.text}: open it with another program; Ctrl-C ends")
+            take = "" if source.number is None else f"take {source.number} of seed {args.seed}; "
+            report(f"{source.info.text}\n{take}open the port with another program, Ctrl-C ends")
             board.run()
         finally:
-            say(f"{board.sent} samples sent, {terminal.dropped} writes dropped since nobody read")
-            told = {"samples": board.sent, "dropped": terminal.dropped, "starts": board.starts, "take": source.number}
-            write_json(args.json, {"schema": "tinygc-board/1", **told})
+            report(f"{board.sent} samples sent, {terminal.dropped} writes dropped without a reader")
+            counts = {"samples": board.sent, "dropped": terminal.dropped, "starts": board.starts, "take": source.number}
+            write_json(args.json, {"schema": "tinygc-board/1", **counts})
     return 0
 
 
@@ -146,7 +146,7 @@ def _options(args: Options) -> SimulationOptions:
     return replace(options, accel_bias_mg=args.raw_accelerometer) if args.raw_accelerometer else options
 
 
-def _source(args: Options, link: Path, say: Told) -> BoardSource:
+def _source(args: Options, link: Path) -> BoardSource:
     """Return the sensor's data: the folder's session, or a simulated one that no board at this link has streamed yet."""
     from tinygc.simulation.virtual_board import next_take, recorded, remember, simulated, taken
 
@@ -154,8 +154,6 @@ def _source(args: Options, link: Path, say: Told) -> BoardSource:
         return recorded(args.folder)
     options, raw = _options(args), args.raw_accelerometer
     take = args.take or next_take(link, args.seed)
-    again = "" if take == 1 else " (the same sensor, turned anew; --take 1 streams the first again)"
-    say(f"simulating a session, take {take} of seed {args.seed}{again} …")
     options = taken(options, take)
     source = simulated(options, calibrated=not raw)
     remember(link, args.seed, take)

@@ -105,7 +105,7 @@ class Viewer:
         self._why, self._stale, self._version, self._doing, self._refused = "", False, 0, "", ""
         self._changing = threading.Lock()
         self._fits: queue.Queue[Recording] = queue.Queue()
-        server.heard, server.asked = self.hear, self.answer
+        server.heard, server.answer_of = self.hear, self.answer
 
     def start(self) -> None:
         """Show the recording, and fit it."""

@@ -20,7 +20,7 @@ let left = 0.5;
 export const turnTheView = () => { left += Math.PI / 4; };
 
 // goal: of path.js, or null; phase: where on the way to it the ghost is, 0 to 1; there: the board has come to it.
-// moving: the bar says how much is left, and a second angle would not help.
+// moving: the bar shows how much is left, and a second angle would not help.
 export function drawBoard(pose, goal, phase, there, moving) {
   const { context, width, height } = begin(), scale = Math.min(width / 3.7, height / 3.6), middle = height * 0.49;
   const view = vector => seen(vector, left);

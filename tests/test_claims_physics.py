@@ -42,7 +42,7 @@ from tinygc.explanation.claims import (
 )
 from tinygc.explanation.data_repair import _claim
 from tinygc.explanation.families import SLOW_ZERO, alternatives, slow_zero
-from tinygc.explanation.result import MOST_SAID, considered_lines
+from tinygc.explanation.result import MOST_LISTED, considered_lines
 from tinygc.explanation.search import NamedEffect
 from tinygc.inference.choose import ONE_SIDED, Standing, Statement, agreement, standing_of, upper_limit
 from tinygc.inference.decide import KINDS
@@ -193,14 +193,14 @@ def considered(verdicts=(), clipping=None):
 
 
 def test_what_repairs_reject_is_considered():
-    clipping = SimpleNamespace(borne_out=False, excess=2.0, numbers=[3, 4, 5])
+    clipping = SimpleNamespace(confirmed=False, excess=2.0, numbers=[3, 4, 5])
     found = considered([tried("a", 5, 0, 0.4), tried("b", 5, 2, 0.9), tried("c", 4, 4, 0.99)], clipping)
     assert found == [
         Considered("a", 0.4, 5, (0.1, 0.2)),
         Considered("b", 0.0, 3, (0.1, 0.2)),
         Considered("gyro.saturation", 0.0, 3),
     ]
-    assert considered([], SimpleNamespace(numbers=[3], borne_out=False, excess=np.nan)) == []
+    assert considered([], SimpleNamespace(numbers=[3], confirmed=False, excess=np.nan)) == []
     closure = {"before": pytest.approx(0.1 / DEG), "after": pytest.approx(0.2 / DEG)}
     assert found[0].to_json() == {"id": "a", "probability": 0.4, "moments": 5, "closure_rms_deg": closure}
     assert Considered("e", 0.6).to_json() == {"id": "e", "probability": 0.6, "moments": 0, "closure_rms_deg": None}
@@ -209,10 +209,10 @@ def test_what_repairs_reject_is_considered():
 def test_repairs_claim_what_they_found():
     limit = _claim("gyro.saturation", 250.0 * DEG, {"dps": 250.0}, {"dps": 1.0}, 1e-4, is_bound=True)
     assert (limit.p_value, limit.p_is_bound, limit.probability) == (1e-4, True, 0.999)
-    assert limit.says == EFFECTS["gyro.saturation"].describe(np.array([250.0 * DEG]))
+    assert limit.description == EFFECTS["gyro.saturation"].describe(np.array([250.0 * DEG]))
     glitches = _claim("data.glitches", 2, {"at": [1, 2]}, {}, 1e-5, 0.97)
     assert (glitches.p_value, glitches.p_is_bound, glitches.probability) == (1e-5, False, 0.97)
-    assert glitches.says == EFFECTS["data.glitches"].describe(np.array([2.0]))
+    assert glitches.description == EFFECTS["data.glitches"].describe(np.array([2.0]))
     table = limit.to_json()
     assert (table["p_value"], table["p_value_is_upper_bound"], "against_stated" in table) == (1e-4, True, False)
 
@@ -234,10 +234,10 @@ def test_named_effects_have_their_share_of_what_is_beyond_noise():
     assert (claim.equivalent, claim.rivals) == (("gyro.bias_drift",), {"x": 0.04})
     assert claim.parameters["dps"] == pytest.approx([0.3, -0.2, 0.1])
     assert claim.std["dps"] == pytest.approx(np.sqrt([1e-8, 2e-8, 3e-8]) / DEG)
-    assert claim.says == described(STEP, theta, covariance)
+    assert claim.description == described(STEP, theta, covariance)
     own = replace(STEP, stated=StatedNumbers(theta, covariance))
     (claim,) = named_claims(fit(own), [replace(named, effect=own)], 10.0)
-    assert claim.says == f"{described(STEP, theta, covariance)}; the numbers agree with those that its file states (p = 1.0)"
+    assert claim.description == f"{described(STEP, theta, covariance)}; the numbers agree with those that its file states (p = 1.0)"
     assert claim.to_json()["against_stated"]["freedom"] == 3
 
 
@@ -247,7 +247,7 @@ def test_a_delay_of_all_axes_may_be_the_common_part_of_any_lag():
     (claim,) = offset_claim(gravity)
     assert set(claim.equivalent) == {"gyro.angular_acceleration", "gyro.bandwidth", "timing.axis_skew"}
     assert (claim.parameters, claim.p_is_bound) == ({"seconds": 0.012}, False)
-    assert claim.says == EFFECTS["timing.gyro_accel_offset"].describe(np.array([0.012]))
+    assert claim.description == EFFECTS["timing.gyro_accel_offset"].describe(np.array([0.012]))
     assert offset_claim(replace(gravity, offset_s=0.001)) == []
     (unsure,) = offset_claim(replace(gravity, offset_s=0.009))
     freedom = 24 - NUMBERS
@@ -267,10 +267,10 @@ def test_what_a_detector_proposed_is_told_before_names_and_tiny_ones_never():
     said = considered_lines(SimpleNamespace(considered=[*names, *tiny, lost, false], naming=nothing))
     assert said[:3] == [
         "timing.dropped_samples at 28 moments: closure there is 0.500°, and no number of lost samples makes it better",
-        "data.glitches at 1 moment: closure there is 0.500° as recorded, 2.000° once mended",
+        "data.glitches at 1 moment: closure there is 0.500° as recorded, 2.000° once repaired",
         "gyro.name0: probability 0.4",
     ]
-    assert (len(said), considered_lines(SimpleNamespace(considered=tiny, naming=nothing))) == (MOST_SAID, [])
+    assert (len(said), considered_lines(SimpleNamespace(considered=tiny, naming=nothing))) == (MOST_LISTED, [])
 
 
 # Standings.

@@ -163,7 +163,7 @@ def test_a_motor_turns_at_one_rate_and_is_not_clipped():
     assert _find_plateaus(samples, FS).level == pytest.approx(70 * DEG, rel=0.03)
     problem = build_problem(session_of(samples))
     found = find_clipping(problem)
-    assert (found.borne_out, found.known_to) == (False, pytest.approx(0.02 * found.level))
+    assert (found.confirmed, found.known_to) == (False, pytest.approx(0.02 * found.level))
     assert "gyro.saturation" not in repair(problem).found
     assert _find_plateaus(Table().rest(4).steady(200, (1, 0, 0), 0.011).rest(4).samples(), FS) is None
 

@@ -240,7 +240,7 @@ def test_a_rate_fixed_in_the_world_is_the_earths_if_as_long_at_another_latitude(
     theta = share * with_heading(true_deg, 200.0).rate_t - earth.rate_t
     said = world.describe(theta)
     if latitude:
-        assert f"at a latitude of about {true_deg:.0f} deg, session.toml says 47: " in said
+        assert f"at a latitude of about {true_deg:.0f} deg, session.toml has 47: " in said
     else:
         assert said == f"{np.linalg.norm(theta) / DEG:.4f} dps is fixed in the world beyond the Earth's: does the table turn?"
     assert_array_equal(world.columns(movement()), np.zeros((101, 3, 3)))

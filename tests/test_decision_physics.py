@@ -22,15 +22,15 @@ from tinygc.explanation.decision import (
     _per_segment,
     _undersampled_claim,
     _with_linear,
-    borne_out,
+    confirmed,
     decided,
     fold_rows,
     held_out,
     improvement_p,
     leaves_more,
     left_out,
+    separated,
     tilt_rms,
-    told_apart,
 )
 from tinygc.explanation.evidence import Guess
 from tinygc.explanation.search import NAMELESS
@@ -128,7 +128,7 @@ def test_a_scanned_shape_moves_with_the_rows_that_are_seen():
         with patch.object(decision, "left_out", wraps=decision.left_out) as kept:
             expected = improvement_p(twin, have, prior, 0, moved)
         with patch.object(decision, "improvement_p", return_value=expected) as asked:
-            assert borne_out(evidence, have, 0) == (expected < 0.05)
+            assert confirmed(evidence, have, 0) == (expected < 0.05)
         assert_allclose(asked.call_args.args[-1], moved)
         J = have.fit.J * prior
         fewer, wider = np.delete(J, slice(15, 17), axis=1), np.column_stack([J, moved])
@@ -325,7 +325,7 @@ def test_slow_motions_of_which_one_is_a_term_of_the_others_curve_are_one(share):
         assert _part_of_a_curve(evidence, best, 0) == (share > 0.9)
         assert not _part_of_a_curve(evidence, best, 1)
         alone = [evidence.of((each,), best) for each in (drift, curve)]
-        assert told_apart(evidence, best) is (min(alone, key=lambda h: h.score) if share > 0.9 else best)
+        assert separated(evidence, best) is (min(alone, key=lambda h: h.score) if share > 0.9 else best)
         assert _part_of_a_curve(evidence, evidence.of((drift,), best), 0) is False
 
 
@@ -409,7 +409,7 @@ def test_undersampling_is_claimed_with_what_it_predicts_for_every_rate():
     assert claim.std == {"predicted_deg": pytest.approx(0.25 * 0.8 / DEG)}
     assert claim.probability == pytest.approx(1 / (1 + np.exp(-4)))
     assert claim.p_value == pytest.approx(stats.chi2.sf(8.0, 1))
-    assert claim.says.endswith("1601 Hz would have been enough")
+    assert claim.description.endswith("1601 Hz would have been enough")
     assert undersampled(sigma=np.inf)[0].std == {"predicted_deg": pytest.approx(0.8 / DEG)}
     assert undersampled(own=0.9)[0].parameters["share"] == 1.0  # below the floor
     assert undersampled(own=1.1)[0].parameters["share"] == 1.0  # more than all

@@ -70,7 +70,7 @@ def test_folders_are_known_only_while_they_are_used(effects):
 
 
 BROKEN = {
-    "syntax": ("EFFECT = (\n", r"broken\.py: cannot be loaded: SyntaxError: .*\(line 1\); mend it"),
+    "syntax": ("EFFECT = (\n", r"broken\.py: cannot be loaded: SyntaxError: .*\(line 1\); correct it"),
     "an error of its own": ("import numpy\n\nnumpy.no_such\n", r"broken\.py: cannot be loaded: AttributeError: .*\(line 3\)"),
     "no effect": ("X = 1\n", r"broken\.py: defines no EFFECT"),
     "of a wrong type": ("EFFECT = {'id': 'gyro.x'}\n", r"broken\.py: EFFECT is of type dict, expected tinygc\.effects\.Effect"),

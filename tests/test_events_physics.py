@@ -462,7 +462,7 @@ def test_a_ceiling_in_one_log_leaves_the_other_logs_segments_alone(two):
     (first, _), (second, _) = two
     problem = build_problem(session_with(first, replace(second, gyro=np.clip(second.gyro, -70 * DEG, 70 * DEG))))
     found = find_clipping(problem)
-    assert (found.borne_out, found.known_to, found.chance) == (True, pytest.approx(0.002 * found.level), pytest.approx(6 * 2 * 1e-4))
+    assert (found.confirmed, found.known_to, found.chance) == (True, pytest.approx(0.002 * found.level), pytest.approx(6 * 2 * 1e-4))
     assert found.excess == excess_of(problem, found.numbers) > 2
     mended = repair(problem)
     (claim,) = mended.found.values()

@@ -94,7 +94,7 @@ def test_a_promise_costs_each_parameter_the_logarithm_of_its_signal_to_noise_rat
 
 @pytest.mark.parametrize(
     ("more", "scale"),
-    [({"is_known": True}, 1.0), ({}, 3.0), ({"beside": (0.0, 0.0)}, 0.2)],
+    [({"is_known": True}, 1.0), ({}, 3.0), ({"further": (0.0, 0.0)}, 0.2)],
     ids=["known noise", "noise larger than stated", "smaller"],
 )
 def test_the_chance_of_the_best_is_uniform_where_nothing_is_missing(more, scale):
@@ -123,7 +123,7 @@ def test_a_chance_too_small_for_a_number_has_its_logarithm():
 def test_squares_beside_the_residuals_count_with_their_freedom():
     column = {0: np.eye(3)[:, :1]}
     r = np.array([2.0, 1.0, -1.0])
-    own = float(np.exp(Selection(np.zeros((3, 0)), column, 0, beside=(6.0, 4.0)).lowest_log_p(r[:, None])[0]))
+    own = float(np.exp(Selection(np.zeros((3, 0)), column, 0, further=(6.0, 4.0)).lowest_log_p(r[:, None])[0]))
     assert own == pytest.approx(stats.f.sf(4.0 / ((2.0 + 6.0) / (2 + 4)), 1, 6))
 
 

@@ -193,7 +193,7 @@ def test_the_p_value_of_a_given_calibration_is_that_of_a_dense_test(one_axis, of
     expected = chi2.sf(estimate @ np.linalg.solve(covariance, estimate), len(estimate))
     found = fit_joint(problem, "prior", sigma_mg, drifts=False)
     assert found.p_value == pytest.approx(expected, rel=1e-5, abs=1e-300)
-    assert fit_joint(problem, "prior", judged=False, drifts=False).p_value is free.p_value is None
+    assert fit_joint(problem, "prior", tested=False, drifts=False).p_value is free.p_value is None
 
 
 def test_a_number_is_observed_below_a_share_of_its_prior_with_gravity_known():

@@ -29,7 +29,7 @@ from tinygc.noise.components import (
     Component,
     SessionNoise,
     first_noise,
-    noise_beside,
+    noise_with,
     undersampling,
 )
 from tinygc.noise.twin import Twin
@@ -422,7 +422,7 @@ def test_beside_an_effect_the_noise_is_of_what_both_leave_with_the_effects_own_s
 
     both = np.hstack([J, effect * np.abs(fitted(np.hstack([J, effect]))[1])])
     expected = noise.estimated(sigma**2 * np.eye(6), r + both @ fitted(both), both, noise.s, steps=_GUESS_STEPS)
-    found = noise_beside(noise, lambda rows: rows / sigma, sigma**2 * np.eye(6), r, J, effect, noise.s)
+    found = noise_with(noise, lambda rows: rows / sigma, sigma**2 * np.eye(6), r, J, effect, noise.s)
     assert found.s == pytest.approx(expected.s, rel=1e-6)
     assert found.value == pytest.approx(expected.value, rel=1e-9)
 

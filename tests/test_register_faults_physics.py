@@ -121,7 +121,7 @@ def test_two_jumps_three_rows_apart_are_two_and_at_a_gap_that_the_stamps_show_th
 
 
 def test_a_long_log_is_read_in_parts_that_overlap(monkeypatch):
-    for name, value in (("LONG", 600), ("AT_ONCE", 200), ("BESIDE", 100)):
+    for name, value in (("LONG", 600), ("AT_ONCE", 200), ("MARGIN", 100)):
         monkeypatch.setattr(faulty_readings, name, value)
     samples = noisy(650)
     gyro = samples.gyro.copy()

@@ -35,7 +35,7 @@ def test_the_example_is_proved_but_for_its_sessions(effects):
     with using([]):
         (effect,) = load_folder(effects)
     assert effect.id == "gyro.scale_quadratic"
-    report = check(effect, parts=("columns", "undo", "units", "live", "c"))
+    report = check(effect, parts=("columns", "inverse", "units", "live", "c"))
     assert report.ok, str(report)
 
 

@@ -61,7 +61,7 @@ REFERENCE = {
     "arrays": "path of each file, and its arrays, each with the type that it is hashed as",
     "save": "(folder, config): its files",
     "examined": "(session) -> the session with the reference as the recording shows it, findings",
-    "said": "names of those findings that ``fit`` repeats even as a note",
+    "reported": "names of those findings that ``fit`` repeats even as a note",
     "check": "(session, log) -> findings on the log by the reference",
     "problem": "(session, its stills, further arguments of ``build_problem``) -> the problem of a fit",
     "attitudes": "(number of a log, its samples) -> rows (K,) at which its attitude is known, q_nb (K, 4)",

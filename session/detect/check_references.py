@@ -105,15 +105,15 @@ def own_fit(session: Session, known: SessionStills | None = None) -> LengthFit |
     return found if abs(length - 1) < UNITS_RIGHT else None
 
 
-def with_own_accelerometer(session: Session, anew: bool = False, looked_at: SessionStills | None = None) -> tuple[Session, list[Finding]]:
+def with_own_accelerometer(session: Session, again: bool = False, looked_at: SessionStills | None = None) -> tuple[Session, list[Finding]]:
     """A session whose ``session.toml`` has no ``[accelerometer]``, with the one that its stills give, and what to say of it.
 
-    anew: also where it has one, which then only defines the body frame.  Otherwise such a session is returned as it is; so is one that
+    again: also where it has one, which then only defines the body frame.  Otherwise such a session is returned as it is; so is one that
     has another reference, and one whose stills fix no number.  known: its stills, where they were found before.
     """
     config = session.config
     none = config.accelerometer.source == "none"
-    if not (none or anew) or session.reference is not None:
+    if not (none or again) or session.reference is not None:
         return session, []
     own = own_fit(session, looked_at)
     if own is None:

@@ -99,14 +99,14 @@ def rates_at_rest(logs: Sequence[StillSet]) -> StillRates:
 # Turns with an impact: their extra uncertainty, estimated from their own closure residuals.
 #
 # An impact of j g makes a turn's end uncertain by s j, and every turn misses its floor by a common factor.  Both are estimated together
-# with the calibration, from all turns (restricted likelihood): an effect that the calibration lacks bends every turn, and the fewer of them
+# with the calibration, from all turns (restricted likelihood): an effect that is not in it bends every turn, and the fewer of them
 # are calm, the more it would pass for what the impacts did.  s is the median of its posterior under a flat prior if that is significantly
 # better than none and than of the same impacts in other turns, else 0.  Some sensors filter an impact without loss, others lose degrees
 # (docs/real-recordings.md), so a constant would be wrong for both.
 
 #: twice the logarithm of the likelihood by which s must be better than none: by chance once in a hundred (Self & Liang 1987: s cannot be
 #: negative), as a weight that is wrong throws turns away, and one that is missed costs little
-BORNE_OUT = 5.41
+CONFIRMED = 5.41
 #: share of the shuffles of the impacts among the turns that may do as well, their number, and the step of the grid that is tried for them
 BY_CHANCE, SHUFFLES, COARSE = 0.05, 99, 10
 #: grid of s over that factor, rad per g: from a thousandth of a degree to ten degrees
@@ -127,12 +127,12 @@ def widened_by_impacts(
     if not per_g:
         return more, []
     more[hit] = np.square(per_g * jump_g[hit])[:, None, None] * np.eye(3)
-    said = [
+    widenings = [
         Widening(segment.number, "impact", float(np.sqrt(2) * per_g * jump), _words(own))
         for segment, jump, own in zip(segments, jump_g, inside, strict=True)
         if jump > 0
     ]
-    return more, said
+    return more, widenings
 
 
 def _per_g(jump_g: np.ndarray, batch: residual.Batch, floor: Floor, start: LinearModel) -> float:
@@ -146,7 +146,7 @@ def _per_g(jump_g: np.ndarray, batch: residual.Batch, floor: Floor, start: Linea
         return np.array([restricted(angles, design, white + np.square(s * jump_g)[:, None]) for s in grid]).T
 
     likelihood, excess = at(GRID, jump_g)
-    if 2 * (likelihood.max() - likelihood[0]) < BORNE_OUT:
+    if 2 * (likelihood.max() - likelihood[0]) < CONFIRMED:
         return 0.0
     # An effect that some turns have more of makes tails, which a likelihood of normal errors takes for impacts: do other turns do as well?
     rng, some = np.random.default_rng(0), GRID[::COARSE]
@@ -351,7 +351,7 @@ def _stills_and_segments(
 def spread(segments: list[Segment], most: int | None) -> list[Segment]:
     """Of a session with more than ``most`` turns that can be used, so many of these, in ``RUNS`` runs from its first to its last.
 
-    Neighbours, since a run of attitudes that follow each other tells the Earth's rate from the bias, and turns far apart do not.
+    Neighbours, since a run of attitudes that follow each other separates the Earth's rate from the bias, and turns far apart do not.
     """
     used = [segment for segment in segments if segment.accepted]
     if most is None or len(used) <= most:

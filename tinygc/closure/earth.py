@@ -69,7 +69,7 @@ def estimate_heading(latitude_deg: float, q_tb: np.ndarray, rate: np.ndarray, si
     Solves rate = b + R_bt w for the bias and the horizontal part of w; the vertical part is known.  Bias drift widens the heading's sigma.
     """
     turn = rotation.matrix(q_tb)
-    found = _beside_bias(turn[:, :2], rate - turn[:, 2] * _down(latitude_deg), sigma)
+    found = _without_bias(turn[:, :2], rate - turn[:, 2] * _down(latitude_deg), sigma)
     if found is None:
         return vertical_only(latitude_deg)
     horizontal, covariance = found
@@ -88,13 +88,13 @@ def vertical_rate(q_tb: np.ndarray, rate: np.ndarray, sigma: np.ndarray) -> tupl
     """Estimate the rate about down, rad/s, and its sigma from Q stills: attitudes q_tb (Q, 4), rates (Q, 3) calibrated up to a common bias,
     sigma (Q, 3) rad/s.  None if their attitudes do not separate it from the bias.
     """
-    found = _beside_bias(rotation.matrix(q_tb), rate, sigma)
+    found = _without_bias(rotation.matrix(q_tb), rate, sigma)
     return None if found is None else (float(found[0][2]), float(np.sqrt(found[1][2, 2])))
 
 
-def _beside_bias(axes: np.ndarray, rate: np.ndarray, sigma: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-    """The parts (n,) of rates (Q, 3) along axes (Q, n, 3), beside a bias that all have in common, and their covariance (n, n), scaled up to
-    the observed scatter.  None where the stills do not tell all of them."""
+def _without_bias(axes: np.ndarray, rate: np.ndarray, sigma: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+    """The parts (n,) of rates (Q, 3) along axes (Q, n, 3), with a bias that all have in common, and their covariance (n, n), scaled up to
+    the observed scatter.  None where the stills do not determine all of them."""
     design = np.concatenate([identities(len(rate)), axes.transpose(0, 2, 1)], axis=-1)
     jacobian, value = (design / sigma[..., None]).reshape(-1, design.shape[-1]), (rate / sigma).ravel()
     found, freedom = solve(jacobian, value), len(value) - design.shape[-1]

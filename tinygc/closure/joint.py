@@ -58,11 +58,11 @@ BAR_SIGMAS = 2.0
 SETTLED_MPS2 = 1e-3 * MG
 
 
-def fit_joint(problem: Problem, mode: str, sigma_mg: float = GIVEN_SIGMA_MG, judged: bool = True, drifts: bool = True) -> JointFit | None:
+def fit_joint(problem: Problem, mode: str, sigma_mg: float = GIVEN_SIGMA_MG, tested: bool = True, drifts: bool = True) -> JointFit | None:
     """Estimate accelerometer and gyroscope together, in a problem whose reference is gravity.
 
     mode: ``fit`` assumes only the accelerometer's type; ``prior`` takes the calibration that the problem was built with as a prior, with
-    sigma_mg of each parameter at one g.  judged: whether to compute the p-value of that calibration, which takes another fit.  drifts:
+    sigma_mg of each parameter at one g.  tested: whether to compute the p-value of that calibration, which takes another fit.  drifts:
     whether the zero may drift within the session, where enough stills are to spare.
     Returns None for a further reference, or without stills or used segments.
     """
@@ -96,9 +96,9 @@ def fit_joint(problem: Problem, mode: str, sigma_mg: float = GIVEN_SIGMA_MG, jud
     found = centre[ACCELEROMETER] + x[ACCELEROMETER]
     accelerometer = after(found, problem.session.config.accelerometer, "stills" if mode == "fit" else "prior")
     # A parameter is observed if it would be with gravity's length known.
-    told = replace(system, prior=np.where(np.arange(len(prior)) == GRAVITY, KNOWN_MPS2, prior)).covariance
+    prior_alone = replace(system, prior=np.where(np.arange(len(prior)) == GRAVITY, KNOWN_MPS2, prior)).covariance
     whole = np.concatenate([(accelerometer.matrix @ accelerometer.frame.T)[UPPER], accelerometer.matrix @ accelerometer.bias_mps2])
-    hidden = unobserved_of(whole - IDENTITY, sigmas_in(told)[ACCELEROMETER], gravity)  # in the body's axes, as x is
+    hidden = unobserved_of(whole - IDENTITY, sigmas_in(prior_alone)[ACCELEROMETER], gravity)  # in the body's axes, as x is
     drift, zero = lengths.drift, np.zeros(DRIFTS)
     if drift is not None and drifts:
         zero = x[DRIFT]
@@ -110,7 +110,7 @@ def fit_joint(problem: Problem, mode: str, sigma_mg: float = GIVEN_SIGMA_MG, jud
         x=found,
         model=LinearModel.from_vector((centre + x)[GYROSCOPE]),
         unobserved=() if mode == "prior" else hidden,
-        p_value=None if mode == "fit" or not judged else _improbable(problem, prior, drifts),
+        p_value=None if mode == "fit" or not tested else _improbable(problem, prior, drifts),
         system=replace(system, x=x, values=system.values + system.design @ moved),
         first=first,
         last=last,
@@ -193,12 +193,12 @@ def _improbable(problem: Problem, prior: np.ndarray, drifts: bool) -> float:
     pull = scaled.T @ (system.root * (system.design @ system.x - system.values))
     rest = slice(PARAMETERS, len(prior))
     inner = np.linalg.inv(known[rest, rest] + np.eye(len(prior) - PARAMETERS))
-    told = known[ACCELEROMETER, ACCELEROMETER] - known[ACCELEROMETER, rest] @ inner @ known[rest, ACCELEROMETER]
-    asked = pull[ACCELEROMETER] - known[ACCELEROMETER, rest] @ inner @ pull[rest]
-    # If the calibration errors follow the prior, asked has the covariance told + told told.
-    size, axes = np.linalg.eigh(told)
+    information = known[ACCELEROMETER, ACCELEROMETER] - known[ACCELEROMETER, rest] @ inner @ known[rest, ACCELEROMETER]
+    score = pull[ACCELEROMETER] - known[ACCELEROMETER, rest] @ inner @ pull[rest]
+    # If the calibration errors follow the prior, score has the covariance information + information information.
+    size, axes = np.linalg.eigh(information)
     seen = size > 1e-6
-    chi_square = float(np.sum((axes.T @ asked)[seen] ** 2 / (size + size**2)[seen]))
+    chi_square = float(np.sum((axes.T @ score)[seen] ** 2 / (size + size**2)[seen]))
     return chi_square_above(chi_square, int(seen.sum()))
 
 

@@ -88,10 +88,10 @@ class PriorUse(Protocol):
         """One line for the report."""
 
     def to_json(self) -> dict:
-        """Keys of ``tinygc-fit/2`` that say it."""
+        """Keys of ``tinygc-fit/2`` of it."""
 
     def of_model(self) -> dict:
-        """Keys of the file of the least-squares model that say it."""
+        """Keys of the file of the least-squares model of it."""
 
 
 # The mean rates of the stills as data: a body at rest turns with the Earth, so E m + B = R_bt w_earth.
@@ -137,7 +137,7 @@ class StillRates:
 # an angle, hence the half.)  A ``GaussianPrior`` may replace the weak prior.
 
 MAX_STEPS = 50
-#: a direction that the segments tell no more than three times better than one that is not observed is hardly bound
+#: a direction that the segments determine no more than three times better than one that is not observed is hardly bound
 WEAK = 3 / OBSERVED_BELOW
 #: longer paths are mostly noise
 MOST_TURNED_RAD = 4 * np.pi
@@ -248,7 +248,7 @@ def fit_least_squares(
     for steps in range(1, MAX_STEPS + 1):  # noqa: B007 (reported)
         angles, design = at.angles, at.columns
         if not np.isfinite(angles).all():
-            raise FitError("least squares left the finite numbers; are the rates in the log in the unit that its header says?")
+            raise FitError("least squares left the finite numbers; are the rates in the log in the unit of its header?")
         rows = [(design * weight[..., None]).reshape(-1, linear.PARAMETERS)]
         values = [(angles * weight).ravel()]
         if still_rates is not None:
@@ -298,24 +298,24 @@ class _NotSettled(FitError):
         super().__init__(self.words([f"turn {row} of those used" for row in range(len(off_rad))]))
 
     def words(self, names: Sequence[str]) -> str:
-        """Say what does not fit; names: of the S segments."""
-        says = f"least squares did not settle in {MAX_STEPS} steps: "
+        """State what does not fit; names: of the S segments."""
+        words = f"least squares did not settle in {MAX_STEPS} steps: "
         count, usual = int(self.too_far.sum()), f"{float(np.median(self.off_rad)) / DEG:.1f} deg"
         if count > len(names) / 2:
             return (
-                f"{says}{count} of {len(names)} turns miss gravity by more than {CLOSES_WITHIN:.0%} of their angle, the median turn by "
+                f"{words}{count} of {len(names)} turns miss gravity by more than {CLOSES_WITHIN:.0%} of their angle, the median turn by "
                 f"{usual}; are gyro and accelerometer of one board, with one clock? are samples lost?"
             )
         if self.loose:
-            return f"{says}the turns hardly bind {self.loose}; turn about more axes, both ways"
+            return f"{words}the turns hardly bind {self.loose}; turn about more axes, both ways"
         worst = np.argsort(-self.off_rad * (self.too_far if count else 1))[: min(count, MOST_NAMED) or 1]
         listed = ", ".join(f"{names[row]} by {self.off_rad[row] / DEG:.1f} deg" for row in worst)
-        return f"{says}gravity is missed in {listed}, in the median turn by {usual}; leave out what is wrong (--exclude), or record again"
+        return f"{words}gravity is missed in {listed}, in the median turn by {usual}; leave out what is wrong (--exclude), or record again"
 
 
 @contextmanager
 def naming_segments(segments: Sequence[Segment]) -> Iterator[None]:
-    """Say of which segments a fit does not settle; segments: those of the batch, in its order."""
+    """State for which segments a fit does not settle; segments: those of the batch, in its order."""
     try:
         yield
     except _NotSettled as error:

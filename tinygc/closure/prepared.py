@@ -36,7 +36,7 @@ from tinygc.models.linear import LinearModel
 
 GRAVITY_SIGN = "gravity's sign"
 #: sigmas: the true Earth's rate must be off by at least the first, the reversed one by at most the second
-REFUTED, BORNE_OUT = 8.0, 3.0
+REFUTED, CONFIRMED = 8.0, 3.0
 #: turns of which a first look builds the problem: more than a good session has (40), and ``fit`` alone needs all of a longer one
 LOOKED_AT = 60
 
@@ -52,15 +52,15 @@ def check_gravity_sign(problem: Problem) -> list[Finding]:
         return []
     rate, sigma = seen
     expected = float(vertical_only(latitude_deg).rate_t[2])
-    if not (abs(rate - expected) > REFUTED * sigma and abs(rate + expected) < BORNE_OUT * sigma):
+    if not (abs(rate - expected) > REFUTED * sigma and abs(rate + expected) < CONFIRMED * sigma):
         return []
-    says = (
+    text = (
         f"the stills turn about down by {rate / DEG_PER_HOUR:+.1f} ± {sigma / DEG_PER_HOUR:.1f}°/h, the Earth by "
         f"{expected / DEG_PER_HOUR:+.1f}°/h at latitude {latitude_deg:g}°: as if gravity were upside down"
     )
     do = "negate all axes of the accelerometer if the one that points up reads -1 g; or is site.latitude_deg wrong? is it g-sensitivity?"
     where = session.logs[0].path.name if len(session.logs) == 1 else session.name
-    return [Finding("warning", where, GRAVITY_SIGN, says, do)]
+    return [Finding("warning", where, GRAVITY_SIGN, text, do)]
 
 
 def first_look_at_fit(session: Session, found: SessionStills, at_rest: AtRest | None = None) -> list[Finding]:
@@ -78,8 +78,8 @@ def first_look_at_fit(session: Session, found: SessionStills, at_rest: AtRest | 
     measured = None if at_rest is None else at_rest(problem)
     part = []
     if passed := sum(segment.problem == NOT_TAKEN for segment in problem.segments):
-        says = f"{len(problem.used)} of {len(problem.used) + passed} turns stand for all, from the first to the last: they can be fitted"
-        part = [Finding("note", session.name, "turns fitted here", says)]
+        text = f"{len(problem.used)} of {len(problem.used) + passed} turns stand for all, from the first to the last: they can be fitted"
+        part = [Finding("note", session.name, "turns fitted here", text)]
     return part + check_gravity_sign(problem) + ([] if measured is None else measured.findings(session.name))
 
 
@@ -131,13 +131,13 @@ class Prepared:
     def warnings(self) -> list[Finding]:
         """Findings on lost accuracy, data repair, an accelerometer calibrated by the session itself, a corrected reference.
 
-        Stamps that err are said first, and no more is asked for beside them.
+        Wrong stamps are reported first, and nothing else with them.
         """
         stamps = [f for f in self.findings if f.what in STAMPS and f.level == "warning"]
         own = (CHANGED, BRIDGED, IMPACTS) if stamps else (CHANGED, ACCELEROMETER, BRIDGED, IMPACTS)
-        said = () if self.session.reference is None else self.session.reference.said
+        reported = () if self.session.reference is None else self.session.reference.reported
         others = [f for f in self.findings if f.what not in STAMPS]
-        return stamps + [f for f in others if f.level == "warning" or f.what in own or (f.what in said and f.level == "note")]
+        return stamps + [f for f in others if f.level == "warning" or f.what in own or (f.what in reported and f.level == "note")]
 
     def as_given(self) -> Prepared:
         """The session with the calibration of session.toml, if there is one, and without a drift of its zero that was fitted."""
@@ -178,7 +178,7 @@ def prepare(
         raise CalibrationError(
             f"{session.folder}: session.toml gives no [accelerometer] to take as {accelerometer}; leave --accelerometer out"
         )
-    session, own = with_own_accelerometer(session, anew=accelerometer == "fit", looked_at=known)
+    session, own = with_own_accelerometer(session, again=accelerometer == "fit", looked_at=known)
     session, aligned = session.examined()
     progress("first look")
     found = looked_at = SessionStills(session) if known is None else known.under(session)
@@ -205,9 +205,9 @@ def prepare(
         return Prepared(findings, problem)
     if joint.p_value > REFUTED_P:
         return Prepared(findings + drift_finding(joint.drift), recalibrated(problem, joint), problem)
-    said = [_refuted(joint, fit_joint(problem, "prior", WIDE_MG, judged=False))]
+    own_findings = [_refuted(joint, fit_joint(problem, "prior", WIDE_MG, tested=False))]
     if accelerometer == "prior":
-        return Prepared(said + findings + drift_finding(joint.drift), recalibrated(problem, joint), problem)
+        return Prepared(own_findings + findings + drift_finding(joint.drift), recalibrated(problem, joint), problem)
     free = prepare(
         session,
         use_earth=use_earth,
@@ -219,7 +219,7 @@ def prepare(
         prior=prior,
         at_rest=at_rest,
     )
-    return Prepared(said + free.findings, free.problem, problem)
+    return Prepared(own_findings + free.findings, free.problem, problem)
 
 
 def _fitted(findings: list[Finding], problem: Problem, own: list[Finding]) -> Prepared:
@@ -227,24 +227,24 @@ def _fitted(findings: list[Finding], problem: Problem, own: list[Finding]) -> Pr
     joint = fit_joint(problem, "fit") if problem.session.config.accelerometer.source == "stills" else None
     if joint is None:
         return Prepared(findings, problem)
-    said = [_joint_finding(f, joint) if f in own and f.what == ACCELEROMETER else f for f in findings if f.what != ZERO_DRIFT]
+    own_findings = [_joint_finding(f, joint) if f in own and f.what == ACCELEROMETER else f for f in findings if f.what != ZERO_DRIFT]
     if joint.drift is None:
-        return Prepared(said, recalibrated(problem, joint))
+        return Prepared(own_findings, recalibrated(problem, joint))
     constant = fit_joint(problem, "fit", drifts=False)
     assert constant is not None  # the same problem was fitted before
-    return Prepared(said + drift_finding(joint.drift), recalibrated(problem, joint), recalibrated(problem, constant))
+    return Prepared(own_findings + drift_finding(joint.drift), recalibrated(problem, joint), recalibrated(problem, constant))
 
 
 def _joint_finding(finding: Finding, joint: JointFit) -> Finding:
-    says = finding.says.split("; not observable")[0]
+    text = finding.says.split("; not observable")[0]
     if not joint.unobserved:
-        return replace(finding, level="note", says=says + "; sharpened by the turns")
-    return replace(finding, says=f"{says}; not observable: {', '.join(joint.unobserved)}")
+        return replace(finding, level="note", says=text + "; sharpened by the turns")
+    return replace(finding, says=f"{text}; not observable: {', '.join(joint.unobserved)}")
 
 
 def _refuted(joint: JointFit, free: JointFit | None) -> Finding:
-    says = f"the given calibration no longer agrees with the data (p = {joint.p_value:.1g})"
+    text = f"the given calibration no longer agrees with the data (p = {joint.p_value:.1g})"
     if free is not None:
-        says += f": {free.words}"
+        text += f": {free.words}"
     do = "the fit takes what these stills and turns give; calibrate the accelerometer again, or keep it with --accelerometer given"
-    return Finding("warning", "session.toml", ACCELEROMETER, says, do)
+    return Finding("warning", "session.toml", ACCELEROMETER, text, do)

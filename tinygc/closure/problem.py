@@ -33,7 +33,7 @@ from tinygc.closure.stills import StillSet
 from tinygc.models import linear
 from tinygc.models.linear import LinearModel
 
-# Noise figures of the unit that were measured at rest, beside a session: the prior that they give, and whether the session agrees.
+# Noise figures of the unit that were measured at rest, for a session: the prior that they give, and whether the session agrees.
 #
 # ``tinygc.noise.measured`` makes these records of ``noise.json``.
 
@@ -41,7 +41,7 @@ from tinygc.models.linear import LinearModel
 #: session's temperature, range and data rate are not those of the rest
 CONTRADICTED_P, CONTRADICTED_RATIO = 1e-3, 1.1
 WHAT = "noise at rest"
-#: an interval that begins below the first ratio is said as a limit; one that ends beyond the second, as two ratios
+#: an interval that begins below the first ratio is stated as a limit; one that ends beyond the second, as two ratios
 LEAST_RATIO, FAR = 0.1, 2.0
 
 
@@ -92,7 +92,7 @@ class MeasuredNoise:
 
     @property
     def words(self) -> str:
-        """What the session says of the figures, in one line."""
+        """Whether the session agrees with the figures, in one line."""
         parts = []
         if self.white and not any(each.contradicted for each in self.white):
             parts.append(f"white noise {max(self.white, key=lambda each: each.high - each.low).within}")
@@ -119,9 +119,9 @@ DRIFTS_DO = "let the board warm up, fasten it and its cable, and hold it still f
 def _warning(where: str, found: NoiseComparison, what: str, file: str, do: str, more: str = "") -> Finding:
     ratio, low, high = (significant(value, 3) for value in (found.ratio, found.low, found.high))
     p = f"p = {found.p_value:.1g}" if found.p_value > 1e-99 else "p < 1e-99"
-    says = f"{what}: {ratio} times that of {file} (95 %: {low} to {high}; {p}){more}"
+    text = f"{what}: {ratio} times that of {file} (95 %: {low} to {high}; {p}){more}"
     of_file = f"is {file} of this unit, in this range? measure it again with noise record"
-    return Finding("warning", where, WHAT, says, f"{do}; {of_file}" if found.ratio > 1 else of_file)
+    return Finding("warning", where, WHAT, text, f"{do}; {of_file}" if found.ratio > 1 else of_file)
 
 
 # Reasons for rejecting a segment, as the report prints them.
@@ -140,7 +140,7 @@ COUNT = GRAVITY + 1
 #: those of a drift of the accelerometer's zero, m/s^2 over the session, behind them where one is fitted
 DRIFT = slice(COUNT, COUNT + DRIFTS)
 #: sigmas by which a parameter must change to be reported
-SAID_SIGMAS = 3.0
+REPORTED_SIGMAS = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -236,11 +236,11 @@ class JointFit:
 
         Scales are relative to their mean: a scale common to all axes is not separated from gravity's length.
         """
-        told = np.eye(PARAMETERS)
-        told[np.ix_(SCALES, SCALES)] -= 1 / 3
+        observed = np.eye(PARAMETERS)
+        observed[np.ix_(SCALES, SCALES)] -= 1 / 3
         scale = np.concatenate([np.full(6, 1e-3), np.full(3, MG)])
-        off, sigma = told @ (self.x - IDENTITY) / scale, sigmas_in(told @ self.covariance @ told.T) / scale
-        sure = np.abs(off) > SAID_SIGMAS * sigma
+        off, sigma = observed @ (self.x - IDENTITY) / scale, sigmas_in(observed @ self.covariance @ observed.T) / scale
+        sure = np.abs(off) > REPORTED_SIGMAS * sigma
         sure[np.argmax(np.abs(off) / sigma)] = True
         found = zip(NAMES, off, sigma, sure, strict=True)
         return ", ".join(f"{name} by {value:.2g} ± {s:.1g} mg" for name, value, s, there in found if there)
@@ -280,18 +280,18 @@ def bent(batch: Batch, first: np.ndarray, last: np.ndarray, force: np.ndarray) -
 class Widening:
     """Extra uncertainty of one segment.
 
-    segment: its number; cause: ``gap``, ``clipped`` or ``impact``; sigma_rad: added rms tilt; says: description with place.
+    segment: its number; cause: ``gap``, ``clipped`` or ``impact``; sigma_rad: added rms tilt; description: with its place.
     """
 
     segment: Count
     cause: Annotated[str, Text(("gap", "clipped", "impact"))]
     sigma_rad: Annotated[float, Maybe(Number(0)), Key("sigma_deg", DEG)]
-    says: Annotated[str, Key("description")]
+    description: str
 
     @property
     def words(self) -> str:
         """Description with the added uncertainty, for a table."""
-        return f"{self.says}: weighed down, ± {self.sigma_rad / DEG:.2g}° of tilt more"
+        return f"{self.description}: weighed down, ± {self.sigma_rad / DEG:.2g}° of tilt more"
 
 
 def weighed_down(session: str, widened: Sequence[Widening]) -> list[Finding]:
@@ -301,8 +301,8 @@ def weighed_down(session: str, widened: Sequence[Widening]) -> list[Finding]:
         mine = [each for each in widened if each.cause == cause]
         worst = max(mine, key=lambda each: each.sigma_rad)
         many = f"{len(mine)} segments, most of all segment" if len(mine) > 1 else "segment"
-        says = f"{many} {worst.segment}: {worst.words}"
-        found.append(Finding("note", session, f"weighed down ({cause})", says, "what they miss beyond that is looked at"))
+        text = f"{many} {worst.segment}: {worst.words}"
+        found.append(Finding("note", session, f"weighed down ({cause})", text, "what they miss beyond that is looked at"))
     return found
 
 
@@ -310,7 +310,7 @@ def widened_by_bridges(
     segments: Sequence[Segment], bridges: Sequence[tuple[Bridge, ...]], attitudes: np.ndarray
 ) -> tuple[np.ndarray, list[Widening]]:
     """(S, 3, 3) rad^2, table axes, that bridged readings add to the ends of S segments with attitudes q_tb (S, T, 4), and the causes."""
-    more, said = np.zeros((len(segments), 3, 3)), []
+    more, found = np.zeros((len(segments), 3, 3)), []
     for i, segment in enumerate(segments):
         for cause, inside in _inside(segment, bridges[segment.log]).items():
             added = np.zeros((3, 3))
@@ -318,8 +318,8 @@ def widened_by_bridges(
                 turn = rotation.matrix(attitudes[i, bridge.row - segment.start])
                 added += turn @ np.diag(bridge.sigma_rad**2) @ turn.T
             more[i] += added
-            said.append(Widening(segment.number, cause, float(np.sqrt(added[0, 0] + added[1, 1])), _words(cause, inside)))
-    return more, said
+            found.append(Widening(segment.number, cause, float(np.sqrt(added[0, 0] + added[1, 1])), _words(cause, inside)))
+    return more, found
 
 
 def bridged_sigma(segments: Sequence[Segment], bridges: Sequence[tuple[Bridge, ...]]) -> np.ndarray:
@@ -467,5 +467,5 @@ class Problem:
         return Noise(*map(np.sqrt, power))
 
 
-#: puts noise figures at rest beside a problem; None where there are none
+#: adds noise figures at rest to a problem; None where there are none
 AtRest = Callable[[Problem], MeasuredNoise | None]

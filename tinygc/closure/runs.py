@@ -25,7 +25,7 @@ from tinygc.models.model import Model
 
 #: stillness integrated at either end, to allow for the detector's delay
 MARGIN_S = 0.1
-#: s between session and run where the run's clock began anew: longer than the bias remembers anything (``floor.TIMES_S``)
+#: s between session and run where the run's clock began again: longer than the bias remembers anything (``floor.TIMES_S``)
 LONG_AFTER_S = 1e6
 
 
@@ -36,7 +36,7 @@ class ClosureRun:
     file; duration_s of the movement; batch of one segment with three known angles; floor_rad (3,): one sigma from noise alone; earth:
     whether the horizontal part of the Earth's rate is included; heading_covariance (3, 3) rad^2: of what its uncertain heading leaves;
     samples of the whole log; rows of the batch in it; began_s: session time at the log's start, long after the session where the clocks do
-    not tell (``time_known``); yaw_carried: whether its yaw continues that at the end of the last log.
+    not known (``time_known``); yaw_carried: whether its yaw continues that at the end of the last log.
     """
 
     file: str

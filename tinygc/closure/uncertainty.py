@@ -67,7 +67,7 @@ def closure_goodness(angles: np.ndarray, design: np.ndarray, covariance: np.ndar
     return GoodnessOfFit(chi_square, freedom, chi_square_above(chi_square, freedom))
 
 
-#: causes of parts of a covariance beside those of the floor
+#: causes of parts of a covariance beyond those of the floor
 BIAS_DRIFT, EARTH = "drift of the bias", "heading and the Earth's rate"
 
 
@@ -121,7 +121,7 @@ def _unseen_rates(earth: EarthRate) -> np.ndarray:
         # The rate is the mean over the headings, exp(-sigma^2 / 2) of its length: what is left of length^2 lies across it.
         return np.cross([0.0, 0.0, 1.0], earth.rate_t)[None] * np.sqrt(np.expm1(earth.heading_sigma_rad**2))
     if earth.source == "unknown":
-        left = max(EARTH_RATE_RPS**2 - float(earth.rate_t @ earth.rate_t), 0.0)  # of a known length, beside the vertical part and the mean
+        left = max(EARTH_RATE_RPS**2 - float(earth.rate_t @ earth.rate_t), 0.0)  # of a known length, less the vertical part and the mean
         return np.eye(3)[:2] * np.sqrt(left / 2)
     return np.zeros((0, 3))
 

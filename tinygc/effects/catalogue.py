@@ -54,8 +54,8 @@ def _try(effect: Effect) -> None:
         _expect(effect, "correct", effect.correct(movement.rate, movement, theta), (SAMPLES, 3))
     if effect.kind == "force":
         _expect(effect, "bends", effect.bent(movement), (SAMPLES, 3, size))
-    if not isinstance(said := effect.describe(theta), str):
-        raise EffectError(f"{effect.id}: describe gives {type(said).__name__}, expected a sentence")
+    if not isinstance(words := effect.describe(theta), str):
+        raise EffectError(f"{effect.id}: describe gives {type(words).__name__}, expected a sentence")
 
 
 def _expect(effect: Effect, name: str, value: Any, shape: tuple[int, ...]) -> None:
@@ -76,23 +76,23 @@ def short_movement() -> Movement:
 # The effects of a folder: each of its Python files that does not begin with an underscore defines ``EFFECT``.
 
 
-def effects_in(said: Path, folder: Path) -> list[tuple[Effect, Path]]:
-    """Load each effect with its file, in the order of the names; ``said``: the folder as the user wrote it.
+def effects_in(given: Path, folder: Path) -> list[tuple[Effect, Path]]:
+    """Load each effect with its file, in the order of the names; ``given``: the folder as the user wrote it.
 
     Raises EffectError for a path that is no folder, a folder without effects, and a file that cannot be loaded or defines no effect.
     """
     if folder.is_file():
-        raise EffectError(f"{said}: that is a file; give its folder, {said.parent}")
+        raise EffectError(f"{given}: that is a file; give its folder, {given.parent}")
     if not folder.is_dir():
-        raise EffectError(f"{said}: no such folder; --effects names a folder of files that define EFFECT")
-    found = _effects(_package(folder), folder, said)
+        raise EffectError(f"{given}: no such folder; --effects names a folder of files that define EFFECT")
+    found = _effects(_package(folder), folder, given)
     if not found:
-        raise EffectError(f"{said}: no effect in it, expected files that define EFFECT (names that begin with _ are passed over)")
+        raise EffectError(f"{given}: no effect in it, expected files that define EFFECT (names that begin with _ are passed over)")
     return found
 
 
-def _effects(package: str, folder: Path, said: Path) -> list[tuple[Effect, Path]]:
-    return [(_effect(package, path, said / path.name), said / path.name) for path in _files(folder)]
+def _effects(package: str, folder: Path, given: Path) -> list[tuple[Effect, Path]]:
+    return [(_effect(package, path, given / path.name), given / path.name) for path in _files(folder)]
 
 
 def _files(folder: Path) -> list[Path]:
@@ -111,20 +111,20 @@ def _package(folder: Path) -> str:
     return name
 
 
-def _effect(package: str, path: Path, said: Path) -> Effect:
+def _effect(package: str, path: Path, given: Path) -> Effect:
     if not path.stem.isidentifier():
-        raise EffectError(f"{said}: the file's name is no name in Python; use letters, digits and underscores")
+        raise EffectError(f"{given}: the file's name is no name in Python; use letters, digits and underscores")
     if not path.is_file():  # Python would wait for a named pipe
-        raise EffectError(f"{said}: is no file; take it out of the folder")
+        raise EffectError(f"{given}: is no file; take it out of the folder")
     try:
         module = importlib.import_module(f"{package}.{path.stem}")
     except EffectError as error:
-        raise EffectError(f"{said}: {error}") from None
+        raise EffectError(f"{given}: {error}") from None
     except (Exception, SystemExit) as error:
-        raise EffectError(f"{said}: cannot be loaded: {_words(error, path)}; mend it, or take it out of the folder") from None
+        raise EffectError(f"{given}: cannot be loaded: {_words(error, path)}; correct it, or take it out of the folder") from None
     if not hasattr(module, "EFFECT"):
-        raise EffectError(f"{said}: defines no EFFECT; a helper's name begins with _")
-    return tried(module.EFFECT, str(said))
+        raise EffectError(f"{given}: defines no EFFECT; a helper's name begins with _")
+    return tried(module.EFFECT, str(given))
 
 
 def _words(error: BaseException, path: Path) -> str:
@@ -243,7 +243,7 @@ def _installed() -> dict[str, Effect]:
         try:
             given = point.load()
         except Exception as error:
-            raise EffectError(f"{where}: cannot be loaded: {type(error).__name__}: {error}; mend or uninstall its package") from None
+            raise EffectError(f"{where}: cannot be loaded: {type(error).__name__}: {error}; correct or uninstall its package") from None
         effect = tried(given.EFFECT if isinstance(given, ModuleType) and hasattr(given, "EFFECT") else given, where)
         if effect.id in effects:
             raise EffectError(f"{where}: its id {effect.id!r} is already that of another effect")

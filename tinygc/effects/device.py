@@ -1,6 +1,6 @@
 """An effect on a microcontroller: C statements and equivalent single-precision NumPy, or the reason why there is none.
 
-The C of a law is written by its NumPy, run on names (``InC``).  A computer algebra system (SymPy) would sort sums and products anew, so
+The C of a law is written by its NumPy, run on names (``InC``).  A computer algebra system (SymPy) would reorder sums and products, so
 that C and NumPy round differently, and be one more package of every installation.
 
 ``in`` is the sample: ``in->force[i]`` m/s^2, ``in->temp_c`` degC.  ``r[3]`` is the rate, rad/s, which the effect is subtracted from.

@@ -254,7 +254,7 @@ class Effect:
 
     id; equation; parameter; observable_in: some of "still", "turn", "reference", "timing";
     columns(movement) -> (N, 3, P): the rate per SI unit of each parameter, linear, for model selection;
-    describe(theta) -> one plain sentence for the operator; discriminating_motion: the movement that tells it from similar effects;
+    describe(theta) -> one plain sentence for the operator; discriminating_motion: the movement that separates it from similar effects;
     kind: "rate", or what it changes instead: "force" (the reference), "earth" (the Earth's rate in the forward model), "register" (found
     and repaired before any fit), "motion" (motion that the readings miss: it adds variance to the closure and cannot be corrected),
     "reference" (a further reference of the recording).
@@ -413,7 +413,7 @@ class Effect:
 
     @property
     def partly_observed(self) -> bool:
-        """Whether closure does not observe a part of it, other than a delay: a turn about the vertical, say, so that no yaw is proved."""
+        """Whether closure does not observe a part of it, other than a delay: as a turn about the vertical, so that no yaw is proved."""
         return isinstance(self.gauge_convention, Convention) and not self.gauge_convention.delays
 
     def at(self, value: float) -> Effect:

@@ -23,7 +23,7 @@ SETTLED_RPS = 1e-10
 #: successively halved steps of one row without improvement
 MOST_HALVES = 4
 #: least relative and absolute change by which a step shows the slope
-TOLD, LEAST_TOLD = 0.05, 1e-28
+KNOWN, LEAST_KNOWN = 0.05, 1e-28
 
 
 def substituted(measured: np.ndarray, movement: Movement, added: Callable[[Movement], np.ndarray], passes: int | None = None) -> np.ndarray:
@@ -92,8 +92,8 @@ def _learned(inverse: np.ndarray, step: np.ndarray, answer: np.ndarray) -> np.nd
     """Update the inverse slopes (N, 3, 3) by steps (N, 3) and the changes ``answer`` (N, 3) that they caused, if large enough."""
     expected = np.einsum("nij,nj->ni", inverse, answer)
     along = np.einsum("ni,ni->n", step, expected)
-    told = np.abs(along) > np.maximum(TOLD * np.einsum("ni,ni->n", step, step), LEAST_TOLD)
-    share = np.divide(1.0, along, out=np.zeros_like(along), where=told)
+    known = np.abs(along) > np.maximum(KNOWN * np.einsum("ni,ni->n", step, step), LEAST_KNOWN)
+    share = np.divide(1.0, along, out=np.zeros_like(along), where=known)
     backward = np.einsum("ni,nij->nj", step, inverse)
     return inverse + share[:, None, None] * (step - expected)[:, :, None] * backward[:, None, :]
 

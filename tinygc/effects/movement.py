@@ -173,19 +173,19 @@ class Undeclared:
     """Placeholder for an undeclared field of the movement; any use of it raises EffectError."""
 
     def __init__(self, effect: str, field: str, ways: str):
-        self._says = f"{effect}: reads movement.{field}, which it does not declare; add {ways} to its Effect(...)"
+        self._text = f"{effect}: reads movement.{field}, which it does not declare; add {ways} to its Effect(...)"
 
     def __array__(self, *args: Any, **settings: Any) -> NoReturn:
-        raise EffectError(self._says)
+        raise EffectError(self._text)
 
     def __getattr__(self, name: str) -> NoReturn:
         if name.startswith("__"):
             raise AttributeError(name)
-        raise EffectError(self._says)
+        raise EffectError(self._text)
 
 
 def _refuse(self: Undeclared, *others: object) -> NoReturn:
-    raise EffectError(self._says)
+    raise EffectError(self._text)
 
 
 _USES = "add radd sub rsub mul rmul truediv rtruediv pow rpow neg abs lt le gt ge eq ne len iter getitem float int bool matmul rmatmul"

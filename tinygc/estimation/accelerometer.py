@@ -57,7 +57,7 @@ class AccelerometerFit:
     it was taken as given; unobserved: names of ``values`` that are not estimated; p_value: for a given one, of its agreement with the data;
     misses_mps2: residual of gravity's length in each still, as measured (or with a given calibration), and after the fit; x (9,): the
     correction, which is the identity if it was not stored; drift: of the zero within the session, None where it was not looked for;
-    sources (9, 9) of the covariance, where they are told apart; between: how far another session moves the parameters.  What is computed
+    sources (9, 9) of the covariance, where they are separated; between: how far another session moves the parameters.  What is computed
     from them is kept, and not to be written to.
     """
 
@@ -140,7 +140,7 @@ class AccelerometerFit:
 
     @property
     def freedoms(self) -> np.ndarray:
-        """(9,) effective degrees of freedom of the sigmas of ``errors``; infinite where their sources are not told apart."""
+        """(9,) effective degrees of freedom of the sigmas of ``errors``; infinite where their sources are not separated."""
         parts = [source.variance(self.slope) for source in self.sources]
         freedoms = [source.freedom for source in self.sources]
         return np.array([effective_freedom([part[i] for part in parts], freedoms) for i in range(PARAMETERS)])
@@ -218,8 +218,8 @@ def _unobserved_values(joint: JointFit) -> tuple[str, ...]:
     """Return the names of the triad's parameters with a tenth or more of their production spread from unobserved parameters of x."""
     left = np.isin(NAMES, joint.unobserved)
     spread = (jacobian(joint.accelerometer, joint.x) * joint.prior) ** 2
-    owed = np.sqrt(spread[:, left].sum(axis=1) / spread.sum(axis=1))
-    return tuple(name for name, share in zip(NAMES, owed, strict=True) if share >= OBSERVED_BELOW)
+    due = np.sqrt(spread[:, left].sum(axis=1) / spread.sum(axis=1))
+    return tuple(name for name, share in zip(NAMES, due, strict=True) if share >= OBSERVED_BELOW)
 
 
 def into_frame_of(first: Accelerometer, other: Accelerometer) -> np.ndarray:

@@ -2,7 +2,7 @@
 
     value_j = level + drift t_j + sum of steps before j + scatter_j + error_j        scatter ~ N(0, s^2), error_j ~ N(0, own_j), as stated
 
-Contrasts K' value, K orthogonal to the columns of level, drift and steps, hold all that tells of s.  In the axes of K' diag(own) K they are
+Contrasts K' value, K orthogonal to the columns of level, drift and steps, hold all of s.  In the axes of K' diag(own) K they are
 independent, z_i ~ N(0, lambda_i + s^2), so that restricted likelihood and pivot are sums over m = n - p numbers:
 
     -2 log L(s) = sum log(lambda_i + s^2) + z_i^2 / (lambda_i + s^2)          Q(s) = sum z_i^2 / (lambda_i + s^2) ~ chi-square of m
@@ -29,11 +29,11 @@ ONE_SIGMA = 0.6826894921370859
 CHANCE = 0.05
 #: numbers of a unit that are looked at: the gyroscope's twelve and the accelerometer's nine, also where only some of them are known
 LOOKED_AT = 21
-#: fewest sessions for a drift beside a scatter: two degrees of freedom are left to the scatter
+#: fewest sessions for a drift and a scatter: two degrees of freedom are left to the scatter
 FEWEST_WITH_DRIFT = 4
-#: fewest sessions for an effect of temperature beside these
+#: fewest sessions for an effect of temperature as well
 FEWEST_WITH_TEMPERATURE = 5
-#: K: sessions that differ by less say nothing of temperature
+#: K: sessions that differ by less determine no effect of temperature
 LEAST_WARMTH_K = 2.0
 #: candidates for a step, the largest by the scatter without it, whose p-values are computed: with equal own errors the first is the best
 TRIED = 3
@@ -116,7 +116,7 @@ class Between:
     def scatter_interval(self) -> tuple[float, float]:
         """Interval of s with ``COVERAGE``; where it begins at 0, 0 and the upper limit with that coverage.
 
-        Sessions that agree better than their own errors let them say no less of s than ordinary ones, whose Q(0) is m.
+        Sessions that agree better than their own errors determine s no less than ordinary ones, whose Q(0) is m.
         """
         from scipy.special import chdtri
 
@@ -189,11 +189,11 @@ class Between:
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """What n sessions say of one number together.
+    """One number, by n sessions together.
 
     model: its columns are the level (at the last session), steps in their order, then the drift from ``FEWEST_WITH_DRIFT`` sessions on, and
     the effect of temperature where that is significant.  steps: changes that stay, each by the session before it, counted from 0, with its
-    p-value, which is corrected for all that was looked at.  warming: level, drift and temperature, None where temperature cannot be told.
+    p-value, which is corrected for all that was looked at.  warming: level, drift and temperature, None where temperature is unknown.
     """
 
     model: Between
@@ -249,7 +249,7 @@ def jump(count: int, before: int) -> np.ndarray:
 
 
 def candidates(values: np.ndarray, own: np.ndarray, design: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Size and sigma (n - 1,) of a further step after each session, at the scatter of the design (n, p); nan where it cannot be told."""
+    """Size and sigma (n - 1,) of a further step after each session, at the scatter of the design (n, p); nan where it is not determined."""
     total = np.maximum(own + Between(values, own, design).scatter ** 2, _TINY)
     least = total.min()
     root = np.sqrt(least / total)[:, None]  # weights of order one, whatever the unit

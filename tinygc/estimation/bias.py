@@ -35,12 +35,12 @@ SAME = 0.01
 class BiasChoice:
     """The source of the bias.
 
-    asked: the option; used: ``ends`` or ``stills``; held_out: held-out error angles (S, d) rad of least squares with both, where both were
+    requested: option; used: ``ends`` or ``stills``; held_out: held-out error angles (S, d) rad of least squares with both, where both were
     tried; p_value: of the improvement by the stills; unseen: whether the bias is not observable at the ends; of_prior: whether a prior
     is used.
     """
 
-    asked: str
+    requested: str
     used: str
     held_out: dict[str, np.ndarray]
     p_value: float | None = None
@@ -51,7 +51,7 @@ class BiasChoice:
         """Return ``bias_from`` of ``tinygc-fit/2``."""
         rms = {name: float(tilt_rms(angles)) / DEG for name, angles in self.held_out.items()}
         return {
-            "requested": self.asked,
+            "requested": self.requested,
             "used": self.used,
             "ends_holdout_tilt_rms_deg": rms.get("ends"),
             "stills_holdout_tilt_rms_deg": rms.get("stills"),
@@ -65,10 +65,10 @@ class BiasChoice:
         if not self.held_out:
             return f"Bias {where}."
         ends, stills = (tilt_rms(self.held_out[name]) / DEG for name in ("ends", "stills"))
-        why = "as asked" if self.asked != "auto" else self._why
-        if self.unseen and self.asked == "auto":
+        why = "as requested" if self.requested != "auto" else self._why
+        if self.unseen and self.requested == "auto":
             return f"Bias {where}: the ends of so few turns do not show it."
-        if self.of_prior and self.asked == "auto" and self.used == "stills":
+        if self.of_prior and self.requested == "auto" and self.used == "stills":
             return f"Bias {where}: with a prior and few turns, using their ends is not significantly better."
         return f"Bias {where} ({why}); held out with the ends {ends:.4f}°, with the stills {stills:.4f}°."
 
@@ -78,7 +78,7 @@ class BiasChoice:
         if self.used == "stills" or ends < (1 - SAME) * stills:
             return "which closes held-out turns better"
         if stills < (1 - SAME) * ends:
-            return f"so few turns do not tell that the stills are better, p = {self.p_value:.2g}"
+            return f"so few turns do not show that the stills are better, p = {self.p_value:.2g}"
         return f"both close held-out turns within {100 * SAME:g} %"
 
 
@@ -87,12 +87,12 @@ def choose(problem: Problem, options: FitOptions) -> tuple[BiasChoice, Problem, 
 
     Raises CalibrationError where the stills are requested and cannot be used, and FitError.
     """
-    asked = options.bias
+    requested = options.bias
     why = _why_not(problem, options)
-    if asked == "stills" and why:
+    if requested == "stills" and why:
         raise CalibrationError(f"--bias stills: {why}")
     if why:
-        return BiasChoice(asked, "ends", {}), problem, run_method("least_squares", problem, options)
+        return BiasChoice(requested, "ends", {}), problem, run_method("least_squares", problem, options)
     level = with_still_bias(problem)
     ends = run_method("least_squares", problem, options)
     fits = {"ends": ends, "stills": run_method("least_squares", level, options, before={"least_squares": ends})}
@@ -105,8 +105,8 @@ def choose(problem: Problem, options: FitOptions) -> tuple[BiasChoice, Problem, 
     stills = (
         unseen or closes_better(held["ends"], held["stills"]) or (of_prior and less_by_chance(held["stills"], held["ends"]) >= BETTER_P)
     )
-    used = asked if asked != "auto" else ("stills" if stills else "ends")
-    return BiasChoice(asked, used, held, p_value, unseen, of_prior), level if used == "stills" else problem, fits[used]
+    used = requested if requested != "auto" else ("stills" if stills else "ends")
+    return BiasChoice(requested, used, held, p_value, unseen, of_prior), level if used == "stills" else problem, fits[used]
 
 
 def closes_better(usual: np.ndarray, other: np.ndarray) -> bool:

@@ -94,7 +94,7 @@ FitOnce = Callable[[FitInput], tuple[Model, dict]]
 
 def held_out(name: str, fit: FitOnce, problem: Problem, options: FitOptions, progress: Steps, integrator: str | None = None) -> MethodFit:
     """Run ``fit`` as the method of that name; integrator: for its closure, if not that of the options."""
-    batch, judged_by = problem.batch, integrator or options.integrator
+    batch, integrate = problem.batch, integrator or options.integrator
     folds = min(options.folds, len(batch))
     steps = folds + 1
     everything = _input(problem, options, lambda done, of: progress(done, of * steps))
@@ -111,13 +111,13 @@ def held_out(name: str, fit: FitOnce, problem: Problem, options: FitOptions, pro
         apart = own.batch if own.joint is None else own.joint.without(~seen, own.batch)
         of_all = _input(own, options, progress) if problem.folds else everything
         with naming_segments([segment for segment, kept in zip(problem.used, seen, strict=True) if kept]):
-            part, _ = fit(of_all.fold(apart, seen, k, model, partial(tell, progress, k + 1, steps), same_rates=not problem.folds))
+            part, _ = fit(of_all.fold(apart, seen, k, model, partial(report, progress, k + 1, steps), same_rates=not problem.folds))
         models.append(part)
-        angles[~seen] = closure_angles(apart.pick(~seen), part, judged_by)
+        angles[~seen] = closure_angles(apart.pick(~seen), part, integrate)
     progress(steps, steps)
-    return MethodFit(name, model, closure_angles(batch, model, judged_by), angles, seconds, notes, tuple(models))
+    return MethodFit(name, model, closure_angles(batch, model, integrate), angles, seconds, notes, tuple(models))
 
 
-def tell(progress: Steps, before: int, steps: int, done: int, of: int) -> None:
+def report(progress: Steps, before: int, steps: int, done: int, of: int) -> None:
     """Report progress after ``before`` of the ``steps``, with ``done`` of ``of`` in the current one."""
     progress(before * of + done, of * steps)

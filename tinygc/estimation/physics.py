@@ -28,7 +28,7 @@ class PhysicsFit:
     """Named physics fitted together with the linear model.
 
     model; problem it was fitted to, after data repair; left: the problem as a sensor without the effects would have recorded it; fit of the
-    effects with the linear model of that; angles (S, d) rad of the segments, and held_out; mended: ids of the effects repaired before;
+    effects with the linear model of that; angles (S, d) rad of the segments, and held_out; repaired: ids of the effects repaired before;
     refused: whether a mismatch remains that has no name; methods: those that include the physics, by name; run_errors: their errors
     (3,) rad in each closure run; lost_s: times in each run after which samples seem to be missing; of_force: the effects of
     the accelerometer among those fitted, as JSON: no model has them.
@@ -40,7 +40,7 @@ class PhysicsFit:
     fit: Refit
     angles: np.ndarray
     held_out: np.ndarray
-    mended: tuple[str, ...]
+    repaired: tuple[str, ...]
     refused: bool = False
     methods: dict[str, MethodFit] = field(default_factory=dict)
     run_errors: list[dict[str, np.ndarray]] = field(default_factory=list)
@@ -108,4 +108,4 @@ def loss_words(lost_s: np.ndarray) -> str:
     if not len(lost_s):
         return ""
     first = listed([f"{moment:.1f}" for moment in lost_s], 3)
-    return f"samples seem lost in it, after {first} s; nothing in a closure run is mended, so its errors are not the calibration's"
+    return f"samples seem lost in it, after {first} s; nothing in a closure run is repaired, so its errors are not the calibration's"

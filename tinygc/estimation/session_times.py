@@ -1,4 +1,4 @@
-"""When sessions were recorded, as far as they say it themselves: for a drift, a file's time of last writing is no date."""
+"""When sessions were recorded, as far as they state it: for a drift, a file's time of last writing is no date."""
 
 from __future__ import annotations
 

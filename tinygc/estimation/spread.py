@@ -25,7 +25,7 @@ from tinygc.noise.figures import NoiseFigures
 #: the 21 numbers of a unit, in the order of a joint covariance: the accelerometer's nine, then the gyroscope's twelve
 COUNT = PARAMETERS + linear.PARAMETERS
 ACCELEROMETER, GYROSCOPE, ZERO = slice(0, PARAMETERS), slice(PARAMETERS, COUNT), slice(COUNT - 3, COUNT)
-#: change of the zero with temperature, one sigma, rad/s per K, where no model over temperature says it: an ASM330LHH's siblings state
+#: change of the zero with temperature, one sigma, rad/s per K, where no model over temperature states it: an ASM330LHH's siblings state
 #: 0.005 to 0.01 dps/K as typical, older ones 0.05
 USUAL_PER_K = 0.01 * DEG
 #: the same of an accelerometer, of gravity's length per K, one sigma: data sheets state 0.1 to 0.3 mg/K
@@ -40,7 +40,7 @@ class Spread:
 
     scatter (n,) SI: one sigma of each as it was estimated, NaN where nothing shows it; freedom (n,): its degrees of freedom, infinite where
     it is known; sources (n,), in words; usual (n,) bool: whether it is that of such sensors, not this unit's own; note: what else the
-    sessions say.
+    sessions show.
     """
 
     scatter: np.ndarray
@@ -59,7 +59,7 @@ class Spread:
 
     @property
     def columns(self) -> tuple[np.ndarray, ...]:
-        """What it says of each number, (n,) each."""
+        """What it states of each number, (n,) each."""
         return self.scatter, self.freedom, self.sources, self.usual
 
     def at(self, which: slice | np.ndarray) -> Spread:
@@ -68,9 +68,9 @@ class Spread:
         return Spread(scatter, freedom, sources, usual, self.note)
 
     def or_else(self, other: Spread) -> Spread:
-        """The same, and of the numbers of which it says nothing the other."""
-        told = np.isfinite(self.scatter)
-        scatter, freedom, sources, usual = (np.where(told, own, more) for own, more in zip(self.columns, other.columns, strict=True))
+        """The same, and the other, of the numbers that it does not have."""
+        known = np.isfinite(self.scatter)
+        scatter, freedom, sources, usual = (np.where(known, own, more) for own, more in zip(self.columns, other.columns, strict=True))
         return Spread(scatter, freedom, sources, usual, self.note or other.note)
 
     @property
@@ -109,8 +109,8 @@ class Spread:
         return sizes | {"degrees_of_freedom": self.freedom, "source": self.source}
 
 
-#: where nothing says it.  Of B: that of the EuRoC days is 0.03 to 0.14 dps (paper_tables.py --only table1).  Of the accelerometer: the
-#: zeros of eight MPU-9150 over six days (measured.md), beside 10 to 40 mg over the life in data sheets; of its scale those days
+#: where it is unknown.  Of B: that of the EuRoC days is 0.03 to 0.14 dps (paper_tables.py --only table1).  Of the accelerometer: the
+#: zeros of eight MPU-9150 over six days (measured.md), and 10 to 40 mg over the life in data sheets; of its scale those days
 #: show none beyond the fits', and data sheets state 0.005 to 0.02 % per K
 USUAL = Spread.of(ZERO, 0.1 * DEG, "usual of MEMS gyroscopes, not of this unit", usual=True).or_else(
     Spread.of(ACCELEROMETER, 0.0, "usual of MEMS accelerometers, not of this unit", usual=True)

@@ -35,7 +35,7 @@ from tinygc.noise.components import (
     WANDER,
     SessionNoise,
     first_noise,
-    noise_beside,
+    noise_with,
 )
 from tinygc.noise.refit import prior_sigmas, refit
 from tinygc.noise.twin import Twin
@@ -80,9 +80,9 @@ class StatedNoise:
         """-2 log of the restricted likelihood by which an effect with columns (n, P), in units of its plausible size, beats none, the noise
         estimated again: what it takes over from a component counts for it."""
         assert self.rows is not None  # an estimate of this recording
-        r, J, beside = self.rows
-        factor = np.linalg.cholesky(beside + self.noise.covariance)
-        found = noise_beside(self.noise, lambda values: solve_lower(factor, values), beside, r, J, columns, self.noise.s)
+        r, J, base = self.rows
+        factor = np.linalg.cholesky(base + self.noise.covariance)
+        found = noise_with(self.noise, lambda values: solve_lower(factor, values), base, r, J, columns, self.noise.s)
         return self.noise.value - found.value
 
     @property
@@ -182,16 +182,16 @@ def stated_noise(problem: Problem) -> StatedNoise | None:
         # Where the accelerometer is estimated, its uncertainty is the estimate's, instead of that of a sensor of its class.
         lengths = np.arange(len(white))[whiten.parts["length"]]
         white[lengths, lengths] -= ACCEL_INSTABILITY_MPS2**2
-    beside, r = whiten.white if joint is None else white, whiten.back(fit.r)
-    noise = first.estimated(beside, r, J, with_sigma=True)
-    unusual_p = noise.unusual_p(beside, r, J)
+    base, r = whiten.white if joint is None else white, whiten.back(fit.r)
+    noise = first.estimated(base, r, J, with_sigma=True)
+    unusual_p = noise.unusual_p(base, r, J)
     if joint is None:
         factor = _accelerometer_factor(columns[whiten.parts["length"]], noise, own)
-        return StatedNoise(twin, noise, white, columns @ factor, unusual_p, whiten.covariance, (r, J, beside))
+        return StatedNoise(twin, noise, white, columns @ factor, unusual_p, whiten.covariance, (r, J, base))
     from_rows = joint_response(problem, joint)
     known = from_rows @ (white + noise.covariance) @ from_rows.T + joint.beforehand @ joint.beforehand.T
     by_joint = joint_columns(problem, joint) @ np.linalg.cholesky(known)
-    return StatedNoise(twin, noise, white, by_joint, unusual_p, whiten.covariance, (r, J, beside))
+    return StatedNoise(twin, noise, white, by_joint, unusual_p, whiten.covariance, (r, J, base))
 
 
 def joint_columns(problem: Problem, joint: JointFit) -> np.ndarray:
@@ -443,7 +443,7 @@ def rounding_covariance(problem: Problem, model: LinearModel) -> np.ndarray:
 #     rounding, clock, prior                                          added as they are
 #
 # f is the variance inflation: chi-square of the closure over its degrees of freedom nu.  Its own uncertainty is f sqrt(2 / nu), so that
-# the misfit's variance has nu ((f - 1) / f)^2 degrees of freedom.  What one effect that nobody modelled may have moved (``systematic``),
+# the misfit's variance has nu ((f - 1) / f)^2 degrees of freedom.  What one unmodelled effect may have moved (``systematic``),
 # and the bias of another switch-on (``repeatability``), are no part of it.
 
 MISFIT, ROUNDING, CLOCK = "misfit beyond the noise", "rounding of the registers", "clock"
@@ -518,6 +518,6 @@ def require_plausible(model: LinearModel, covariance: np.ndarray, folder: Path) 
         if not beyond <= CLEARLY * sigma:
             raise FitError(
                 f"{folder}: no gyroscope has this calibration: it multiplies rates about ({', '.join(f'{x:.2f}' for x in v)}) by "
-                f"{significant(gain)}, expected {1 / GAIN_WITHIN:g} to {GAIN_WITHIN:g}; rates or gravity are not what session.toml says: "
+                f"{significant(gain)}, expected {1 / GAIN_WITHIN:g} to {GAIN_WITHIN:g}; rates or gravity are not as in session.toml: "
                 f"look at {command_line('check', folder)}"
             )

@@ -1,4 +1,4 @@
-"""How far one effect that nobody modelled may have moved the parameters, beside what noise did.
+"""How far one unmodelled effect may have moved the parameters, in addition to noise.
 
 A calibration that leaves out an effect absorbs part of it: E by far more than the closure shows, since a scale that follows an effect
 closes the turns that it was fitted to.  For each effect of the catalogue, alone, with parameters theta:
@@ -73,7 +73,7 @@ class Systematic:
 
     @property
     def likeliest(self) -> list[str]:
-        """Ids of the most probable effect and of those that the recording does not tell from it, within ``AS_PROBABLE``; none that it
+        """Ids of the most probable effect and of those that the recording does not separate from it, within ``AS_PROBABLE``; none that it
         speaks against."""
         most = max(self.log_odds.values(), default=-np.inf)
         near = [name for name, odds in self.log_odds.items() if odds > max(0.0, most - AS_PROBABLE)]
@@ -105,7 +105,7 @@ def systematic_of(problem: Problem, model: LinearModel, noise: StatedNoise, wide
     edges = np.cumsum([0, *(each.shape[1] for each in columns)])
     stacked = np.concatenate(columns, axis=1)
     rows = np.column_stack([stacked, twin.residuals(start, rates).stacked()])
-    white, left = _beside(solve_lower(factor, linear), solve_lower(factor, rows))
+    white, left = _left_of(solve_lower(factor, linear), solve_lower(factor, rows))
     moves = stated_response(problem, model, still_rates) @ stacked
     found: dict[str, list[tuple[float, np.ndarray]]] = {}
     for effect, begin, end in zip(effects, edges[:-1], edges[1:], strict=True):
@@ -120,7 +120,7 @@ def systematic_of(problem: Problem, model: LinearModel, noise: StatedNoise, wide
     tilts = twin.linear_columns(sensitivity).closure[:, :2]
     assert noise.first is not None  # of a recording
     first = np.linalg.cholesky(noise.first)
-    looks = [_promises(effects, edges, *look) for look in ((white, left), _beside(solve_lower(first, linear), solve_lower(first, rows)))]
+    looks = [_promises(effects, edges, *look) for look in ((white, left), _left_of(solve_lower(first, linear), solve_lower(first, rows)))]
     log_odds = {name: promise / 2 for name, (promise, _) in looks[0].items()}
     again: dict[str, float] = {}
     for number in dict.fromkeys(number for look in looks for _, number in sorted(look.values(), reverse=True)[:MOST_WEIGHED]):
@@ -132,14 +132,14 @@ def systematic_of(problem: Problem, model: LinearModel, noise: StatedNoise, wide
     return Systematic({name: _mean_by_evidence(values) for name, values in found.items()}, tilts, log_odds)
 
 
-def _beside(J: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _left_of(J: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Whitened rows (n, k), and what a calibration with columns J (n, p), within its prior, cannot absorb of them."""
     return rows, rows - J @ np.linalg.solve(J.T @ J + np.eye(J.shape[1]), J.T @ rows)
 
 
 def _promises(effects: Sequence[Effect], edges: np.ndarray, white: np.ndarray, left: np.ndarray) -> dict[str, tuple[float, int]]:
     """id -> twice the log odds by linear columns that the last of whitened rows gives an effect against none, at its best shape, and the
-    number of that; left: as in ``_beside``."""
+    number of that; left: as in ``_left_of``."""
     shapes = Counter(effect.id for effect in effects)
     best: dict[str, tuple[float, int]] = {}
     for number, effect in enumerate(effects):

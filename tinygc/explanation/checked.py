@@ -208,7 +208,7 @@ def _prediction(evidence: Evidence, others: tuple[Effect, ...], named: Claim, be
 
 
 def predicted(named: Claim, other: Any, evidence: Evidence, seed: int) -> CheckedEffect:
-    """Predict the other recording with the named numbers, beside what it shows by itself.
+    """Predict the other recording with the named numbers, together with what it shows by itself.
 
     What it names in place of the effect, and shapes without a name, may stand for the effect there: the odds are those of the better of
     two hypotheses, with these and without.
@@ -220,16 +220,16 @@ def predicted(named: Claim, other: Any, evidence: Evidence, seed: int) -> Checke
     nothing = min(each.value() for each in hypotheses)
     turned = headings(named) if named.effect.kind == "earth" else [named]
     tried = []
-    for beside in hypotheses:
-        odds = np.array([float(_odds_of(beside.estimate.theta, each, beside.estimate.covariance)[0]) for each in turned])
+    for prediction in hypotheses:
+        odds = np.array([float(_odds_of(prediction.estimate.theta, each, prediction.estimate.covariance)[0]) for each in turned])
         best = int(np.argmax(odds))
-        value = beside.value(turned[best].theta, turned[best].covariance)
+        value = prediction.value(turned[best].theta, turned[best].covariance)
         # Over all headings, each as probable as the others.
         value -= 2 * float(logsumexp((odds - odds[best]) / 2) - np.log(len(odds)))
-        tried.append((value, beside, turned[best]))
-    value, beside, best_named = min(tried, key=lambda each: each[0])
-    there = _weighed_by(best_named, beside.estimate, seed, nothing - value)
-    before, after = (_closure(other, beside, theta) for theta in (np.zeros_like(best_named.theta), best_named.theta))
+        tried.append((value, prediction, turned[best]))
+    value, prediction, best_named = min(tried, key=lambda each: each[0])
+    there = _weighed_by(best_named, prediction.estimate, seed, nothing - value)
+    before, after = (_closure(other, prediction, theta) for theta in (np.zeros_like(best_named.theta), best_named.theta))
     return replace(there, named=named, closure_rad=None if before is None or after is None else (before, after))
 
 
@@ -242,15 +242,15 @@ def headings(named: Claim) -> list[Claim]:
     return found
 
 
-def _closure(other: Any, beside: _Prediction, theta: np.ndarray) -> float | None:
+def _closure(other: Any, prediction: _Prediction, theta: np.ndarray) -> float | None:
     """Held-out closure rms, rad, that ``fit`` states of the other recording without the effect at theta (P,), which nothing there gave, and
-    without the effects beside it; None where it does not settle."""
-    state = beside.hypothesis.fit.state
+    without the other effects; None where it does not settle."""
+    state = prediction.hypothesis.fit.state
     found: float | None = other.closure_without(replace(state, claims=(*state.claims[:-1], replace(state.claims[-1], theta=theta))))
     return found
 
 
-# What several recordings say together.
+# Outcome over several recordings.
 
 #: outcomes of a prediction, and where nothing was predicted
 TESTED = ("contradicted", "confirmed", "another size", "not confirmed", "no power")

@@ -10,7 +10,7 @@ from scipy.special import stdtr
 
 from session.base.texts import probability
 from session.base.units import DEG
-from tinygc.closure.problem import SAID_SIGMAS
+from tinygc.closure.problem import REPORTED_SIGMAS
 from tinygc.effects import AppliedEffect, CommonDelay, Convention, Derived, Effect, catalogue
 from tinygc.effects.effect import DIFFERENT_P
 from tinygc.explanation.search import NamedEffect
@@ -62,7 +62,7 @@ def described(effect: Effect, theta: np.ndarray, covariance: np.ndarray) -> str:
         return effect.describe(theta)  # of all parameters in common
     covariance = _in_convention(effect, theta, covariance)
     sigmas = np.abs(theta) / np.maximum(np.sqrt(np.maximum(np.diag(covariance), 0)), 1e-300)
-    sure = sigmas > SAID_SIGMAS
+    sure = sigmas > REPORTED_SIGMAS
     sure[np.argmax(sigmas)] = True
     return effect.describe(np.where(sure, theta, 0.0))
 
@@ -98,7 +98,7 @@ class AgainstStated:
 
     @property
     def words(self) -> str:
-        """Say whether they agree."""
+        """Whether they agree, in words."""
         if self.p_value >= DIFFERENT_P:
             return f"the numbers agree with those that its file states ({probability(self.p_value)})"
         return (
@@ -135,7 +135,7 @@ class Claim:
     parameters: dict
     std: dict
     p_value: float
-    says: str
+    description: str
     equivalent: tuple[str, ...] = ()
     share: float | None = None
     p_is_bound: bool = False
@@ -161,7 +161,7 @@ class Claim:
             "probability": self.probability,
             "rivals": self.rivals,
             "equivalent": list(self.equivalent),
-            "description": self.says,
+            "description": self.description,
             **({} if self.against_stated is None else {"against_stated": self.against_stated.to_json()}),
         }
 
@@ -191,8 +191,8 @@ def claim_of(applied: AppliedEffect, covariance: np.ndarray | None, p_value: flo
             effect, {parameter.name: values, **effect.shape}, {parameter.name: None}, p_value, effect.describe(applied.theta), **more
         )
     theta, parameters, std = readable(applied, covariance)
-    says, wide = described(effect, theta, covariance), covariance + np.diag((effect.known_to * theta) ** 2)
-    return Claim(effect, parameters, std, p_value, says, theta=theta, covariance=wide, **more)
+    words, wide = described(effect, theta, covariance), covariance + np.diag((effect.known_to * theta) ** 2)
+    return Claim(effect, parameters, std, p_value, words, theta=theta, covariance=wide, **more)
 
 
 def common_delays() -> tuple[str, ...]:
@@ -227,6 +227,6 @@ def named_claims(fit: Refit, named: list[NamedEffect], beyond_noise: float) -> l
         weighed = {"equivalent": each.equivalent, "probability": each.probability, "rivals": each.rivals}
         found = claim_of(claim, covariance, each.p_value, share=share, **weighed)
         if (stated := _against_stated(claim, covariance)) is not None:
-            found = replace(found, says=f"{found.says}; {stated.words}", against_stated=stated)
+            found = replace(found, description=f"{found.description}; {stated.words}", against_stated=stated)
         claims.append(found)
     return claims

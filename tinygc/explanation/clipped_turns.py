@@ -143,14 +143,14 @@ PLATEAU_EXCESS, CEILING_EXCESS = 10.0, 2.0
 @dataclass(frozen=True, eq=False)
 class Clipping:
     """level and known_to, rad/s; numbers of the segments that reach it; chance: bound of the probability that noise alone makes such a
-    level; excess: ratio of these segments' closure to the others'; borne_out: whether the excess confirms the clipping."""
+    level; excess: ratio of these segments' closure to the others'; confirmed: whether the excess confirms the clipping."""
 
     level: float
     known_to: float
     numbers: list[int]
     chance: float
     excess: float
-    borne_out: bool
+    confirmed: bool
 
 
 def find_clipping(problem: Problem) -> Clipping | None:

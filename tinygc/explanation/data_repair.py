@@ -97,7 +97,7 @@ PASSES = 6
 MOVED = float(np.log(20))
 #: probability that any of the turns in which every event is repaired closes worse than is taken for closed
 OPEN_P = 0.01
-#: turns without an event from which on their median says how a turn closes that has none
+#: turns without an event from which on their median is how a turn without one closes
 FEWEST_WITHOUT = 5
 
 
@@ -156,16 +156,16 @@ class ClosureTrial:
                 return i
         return None
 
-    def angles(self, i: int, mended: list[RegisterFault], cross: Callable[[RegisterFault], Crossing], length: int) -> np.ndarray:
+    def angles(self, i: int, repaired: list[RegisterFault], cross: Callable[[RegisterFault], Crossing], length: int) -> np.ndarray:
         """(d,) rad closure of segment i with these of its events repaired."""
         segment, batch, seen = self.twin.problem.used[i], self._batch, self.twin.segments[i]
         count = segment.stop - segment.start
         rate, dt, earth = self.rates[seen.log][seen.start : seen.stop].copy(), batch.dt[i, : count - 1], batch.earth[i, :count]
-        for event in (e for e in mended if e.id == FALSE):
+        for event in (e for e in repaired if e.id == FALSE):
             first, last = event.row - self._smeared, event.row + event.samples + self._smeared
             here = slice(max(first, segment.start), min(last, segment.stop))
             rate[here.start - segment.start : here.stop - segment.start] = self._bridged[segment.log][self._calm.rows(segment.log, here)]
-        for event in sorted((e for e in mended if e.id == LOST), key=lambda e: -e.row):
+        for event in sorted((e for e in repaired if e.id == LOST), key=lambda e: -e.row):
             at = event.row - segment.start + 1
             between = bridging.across(rate, at - 1, at, length, cross(event).order)
             rate, earth = np.insert(rate, at, between, axis=0), np.insert(earth, at, np.repeat(earth[at : at + 1], length, axis=0), axis=0)
@@ -245,9 +245,9 @@ class ClosureTrial:
 
         return lowest(cost, round(LONGEST_LOSS_S / self._period_s)) if inside else 0
 
-    def tilt_rms(self, mended: dict[int, list[RegisterFault]], cross: Callable[[RegisterFault], Crossing], length: int) -> float:
+    def tilt_rms(self, repaired: dict[int, list[RegisterFault]], cross: Callable[[RegisterFault], Crossing], length: int) -> float:
         """rms tilt, rad, of segments with these of their events repaired."""
-        squares = [np.sum(self.angles(i, events, cross, length)[:2] ** 2) for i, events in mended.items()]
+        squares = [np.sum(self.angles(i, events, cross, length)[:2] ** 2) for i, events in repaired.items()]
         return float(np.sqrt(np.mean(squares))) if squares else 0.0
 
     def test(self, name: str, events: list[RegisterFault], others: list[RegisterFault]) -> Verdict:
@@ -260,8 +260,8 @@ class ClosureTrial:
         if can_be:
             most = self.closed_below([*events, *others], cross)
             for i, own in inside.items():
-                beside = [e for e in others if self.segment_of(e) == i]
-                likely[i] = self.likelihoods(i, [events[k] for k in own], beside, cross, length, most)
+                further = [e for e in others if self.segment_of(e) == i]
+                likely[i] = self.likelihoods(i, [events[k] for k in own], further, cross, length, most)
         share, chance = 0.5, np.zeros(len(events))
         for _ in range(PASSES if can_be else 0):
             # An event that closure cannot decide gets the share of the others, except a row that no sensor can output.
@@ -281,7 +281,7 @@ class ClosureTrial:
         touched = list(inside)
         none: dict[int, list[RegisterFault]] = {i: [] for i in touched}
         all_here = {i: [e for e in events if self.segment_of(e) == i] for i in touched}
-        rms = [self.tilt_rms(mended, cross, length) for mended in (none, all_here)]
+        rms = [self.tilt_rms(repaired, cross, length) for repaired in (none, all_here)]
         probability = 1 / (1 + np.exp(-np.clip(log_ratio - np.log(SCALES / PRIOR_ODDS), -700, 700))) if accepted else 0.0
         if not accepted:
             chance = np.zeros(len(events))
@@ -370,7 +370,7 @@ class RepairedProblem:
 
     problem: the repaired problem, to be explained. found: effect id -> its claim. reference: effects found in the segments without any
     event. considered: moments that were proposed and rejected. recorded: the problem with the reference as recorded, where ``fit`` has
-    mended it already.
+    repaired it already.
     """
 
     problem: Problem
@@ -382,14 +382,14 @@ class RepairedProblem:
 
 def repair(problem: Problem, progress: Told = untold) -> RepairedProblem:
     """Repair clipping, then false readings and losses, then creeping stills: each is proposed, tested, and repaired if closure accepts
-    it.  A further reference says itself what of it is wrong."""
+    it.  A further reference finds its own errors."""
     if problem.session.reference is not None:
-        mended: RepairedProblem = problem.session.reference.repaired(problem)
-        return mended
+        repaired: RepairedProblem = problem.session.reference.repaired(problem)
+        return repaired
     found: dict[str, Claim] = {}
     progress("registers")
     clipping = find_clipping(problem)
-    if clipping is not None and clipping.borne_out:
+    if clipping is not None and clipping.confirmed:
         level = {"dps": clipping.level / DEG}, {"dps": clipping.known_to / DEG}
         found[CLIPPED_RATE] = _claim(CLIPPED_RATE, clipping.level, *level, clipping.chance, is_bound=True)
         with suppress(CalibrationError):  # too few segments are left: the clipped ones stay, marked as clipped
@@ -400,7 +400,7 @@ def repair(problem: Problem, progress: Told = untold) -> RepairedProblem:
     problem = without_creeping(problem, found)
     left = [(v, len(v.events) - len(v.accepted)) for v in verdicts]
     considered = [Considered(v.id, 0.0 if v.accepted else v.probability, count, (v.before_rad, v.tried_rad)) for v, count in left if count]
-    if clipping is not None and not clipping.borne_out and np.isfinite(clipping.excess):
+    if clipping is not None and not clipping.confirmed and np.isfinite(clipping.excess):
         considered.append(Considered(CLIPPED_RATE, 0.0, len(clipping.numbers)))
     return RepairedProblem(problem, found, reference, considered)
 
@@ -502,9 +502,9 @@ def rebuilt(
     if moving:  # rejecting a still joins two turns and shifts the numbers after it
         segments = build_problem(session, use_earth=False, moving=moving, found=found).segments
         out = {why: [new for new in segments if any(is_inside(old, new) for old in gone)] for why, gone in out.items()}
-    asked, at_level = (tuple(segment.number for segment in out[why]) for why in (LEFT_OUT, CLIPPED))
+    excluded, at_level = (tuple(segment.number for segment in out[why]) for why in (LEFT_OUT, CLIPPED))
     use_earth = problem.earth.source != "none"
-    exclude, clipped = asked + left_out, clipped + at_level
+    exclude, clipped = excluded + left_out, clipped + at_level
     built = build_problem(session, use_earth=use_earth, exclude=exclude, clipped=clipped, moving=moving, found=found)
     return built.changed(at_rest=problem.at_rest)
 

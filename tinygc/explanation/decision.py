@@ -41,7 +41,7 @@ from tinygc.verdict.acceptance import NEAR_FLOOR
 
 # Prove: closure on held-out segments, before, after, and the floor.
 
-#: Gauss-Newton iterations, starting from the fit of all segments, of which a fold lacks a tenth
+#: Gauss-Newton iterations, starting from the fit of all segments, of which a fold leaves out a tenth
 FOLD_STEPS = 3
 #: excess, in units of the floor's variance, below which a share of it is a share of noise: three sigmas of the variance of 80 angles, which
 #: is known to 16 %
@@ -280,7 +280,7 @@ def fold_rows(twin: Twin, whiten: Whitener, held: np.ndarray) -> np.ndarray:
 
 # An effect and an unnamed curve over the same variable: is the effect more than a further term of that curve?
 #
-# If the scale bends with the rate in a way that the catalogue lacks, any power of the rate improves the fit, named or not.  Such an effect
+# If the scale bends with the rate as no effect of the catalogue does, any power of the rate improves the fit, named or not.  Such an effect
 # shows that the curve has more terms, not that the effect's own law holds.
 
 #: share of an effect's action, after projection, that further terms of the curve reproduce; above it the effect is one of them
@@ -305,29 +305,29 @@ def _part_of_a_curve(evidence: Evidence, best: Hypothesis, number: int) -> bool:
     return False
 
 
-def told_apart(evidence: Evidence, best: Hypothesis) -> Hypothesis:
+def separated(evidence: Evidence, best: Hypothesis) -> Hypothesis:
     """Without slow motions of the zero-rate offset that an unnamed one in the same hypothesis reproduces, or without that one, whichever
-    leaves more evidence.  Beside each other such members may cancel, and only their sum is determined: one of them, fitted alone, states
+    leaves more evidence.  Together such members may cancel, and only their sum is determined: one of them, fitted alone, states
     it."""
     for number, own in enumerate(best.effects):
         if own.id in SLOW_ZERO and _part_of_a_curve(evidence, best, number):
             others = [e for e in best.effects if e.id in SLOW_ZERO and e.id.startswith(NAMELESS)]
             fewer = [tuple(effect for effect in best.effects if effect is not gone) for gone in (own, *others)]
-            return told_apart(evidence, min((evidence.of(effects, best) for effects in fewer), key=lambda h: h.score))
+            return separated(evidence, min((evidence.of(effects, best) for effects in fewer), key=lambda h: h.score))
     return best
 
 
 # ``motion.undersampled``: a claim about the turns' own noise, compared with the same noise without that cause.
 
 #: share of the floor's rms below which it is reported as noise and not claimed: it adds a tenth to the closure
-WORTH_SAYING = 0.5
+WORTH_REPORTING = 0.5
 
 
 def _undersampled_claim(evidence: Evidence, whiten: Whitener, fit: Refit, noise: SessionNoise) -> list[Claim]:
     """Claim undersampling if the noise is less probable without it, even with the turns' other noise free."""
     twin, factor, missed = evidence.twin, noise.size(UNDERSAMPLED), noise.missed
     floor = twin.problem.floor.tilt_rms
-    if factor * missed.rms_rad < WORTH_SAYING * floor or factor > MOST_FACTOR:
+    if factor * missed.rms_rad < WORTH_REPORTING * floor or factor > MOST_FACTOR:
         return []
     J = whiten.back(fit.J) * evidence.prior(fit)
     fewer = noise.without(UNDERSAMPLED)
@@ -353,9 +353,9 @@ def _undersampled_claim(evidence: Evidence, whiten: Whitener, fit: Refit, noise:
         "closure_deg": (closure / DEG).tolist(),
         "exponent": -missed.exponent,
     }
-    says = f"{effect.describe(np.array([size]))}; {missed.rate_needed_hz(size, floor):.0f} Hz would have been enough"
+    words = f"{effect.describe(np.array([size]))}; {missed.rate_needed_hz(size, floor):.0f} Hz would have been enough"
     std = {"predicted_deg": sigma * missed.rms_rad / DEG if np.isfinite(sigma) else missed.rms_rad / DEG}
-    return [Claim(effect, parameters, std, p_value, says, probability=probability, theta=np.array([size]))]
+    return [Claim(effect, parameters, std, p_value, words, probability=probability, theta=np.array([size]))]
 
 
 # A claim is kept only if it improves held-out data by more than chance, paired by segments.
@@ -365,10 +365,10 @@ def _undersampled_claim(evidence: Evidence, whiten: Whitener, fit: Refit, noise:
 # left-out rows improves them by chance; how many were tried is in the claim's evidence.
 
 #: significance level of the held-out improvement
-BORNE_OUT_P = 0.05
+CONFIRMED_P = 0.05
 
 
-def borne_out(evidence: Evidence, have: Hypothesis, number: int) -> bool:
+def confirmed(evidence: Evidence, have: Hypothesis, number: int) -> bool:
     """Whether a claim of a hypothesis improves the left-out rows."""
     effect, moved = have.effects[number], None
     if effect.scan is not None:
@@ -376,7 +376,7 @@ def borne_out(evidence: Evidence, have: Hypothesis, number: int) -> bool:
         near = np.array([values[values < at].max(initial=values[0]), values[values > at].min(initial=values[-1])])
         before, after = have.whiten.each(map(evidence.columns, effect.variants(near)))
         moved = (after - before) @ have.fit.state.claims[number].theta / 2
-    return improvement_p(evidence.twin, have, evidence.prior(have.fit), number, moved) < BORNE_OUT_P
+    return improvement_p(evidence.twin, have, evidence.prior(have.fit), number, moved) < CONFIRMED_P
 
 
 def improvement_p(twin: Twin, have: Hypothesis, prior: np.ndarray, number: int, moved: np.ndarray | None = None) -> float:
@@ -420,7 +420,7 @@ def _per_segment(twin: Twin, have: Hypothesis, rows: np.ndarray) -> np.ndarray:
 # Detect, select, reject: `explain` reports the result, and `fit --physics auto` fits it.
 
 #: an effect is reported if its probability, together with its equivalents, exceeds one half
-SAID = 0.5
+REPORTED = 0.5
 #: -2 log evidence within which a single unnamed shape is evaluated in place of all names: a second shape may add to it
 INSTEAD = 60.0
 MOST_FINDINGS = 2  #: unnamed shapes in addition to the named effects: as many as fit on a page
@@ -436,7 +436,7 @@ class Naming:
     first: the fit without any effect, and first_p its family-wise p-value. fit: with all effects that are kept. named: strongest first.
     beyond: shapes without a name. whiten and noise: the covariance used. considered: rejected effects with their probability. p_value of
     the detection. undersampled: the claim about the turns' own noise. unusual: whether the rest of that noise is unlike a sensor's.
-    replay: of the search without any effect, with the columns that it knows. refused: names that would fit beside a reference, at a size
+    replay: of the search without any effect, with the columns that it knows. refused: names that would fit against a reference, at a size
     that no sensor has.
     """
 
@@ -461,7 +461,7 @@ class Naming:
 
 
 def leaves_more(twin: Twin, naming: Naming, proof: Proof) -> bool:
-    """Whether beside what is named something has no name: a shape, noise unlike a sensor's, or a closure that the names make worse, or that
+    """Whether something is left without a name: a shape, noise unlike a sensor's, or a closure that the names make worse, or that
     is far above the noise that has a cause."""
     return bool(naming.beyond) or naming.unusual or proof.worse or tilt_rms(proof.after) > NEAR_FLOOR * _expected_rms(twin, naming, proof)
 
@@ -470,7 +470,7 @@ def _expected_rms(twin: Twin, naming: Naming, proof: Proof) -> float:
     """Tilt rms, rad, that noise with a cause leaves of a segment: of what is estimated, all but each turn's and each still's own error."""
     noise, closure = naming.noise.without(TURN).without(STILL_RATE), naming.whiten.parts["closure"]
     variance = np.diag(noise.covariance)[closure].reshape(-1, twin.batch.angles)
-    if twin.errors:  # a further reference errs as is stated of it: what it errs beyond has no name
+    if twin.errors:  # a further reference is as wrong as is stated of it: what is beyond has no name
         return proof.floor_rms
     # By bridged readings; that of an impact is an allowance, and no cause.
     gaps = sum(each.sigma_rad**2 for each in twin.original.widened if each.cause == GAP)
@@ -565,15 +565,15 @@ def _beyond_the_catalogue(evidence: Evidence, tried: list[Effect], best: Hypothe
 
 def decided(evidence: Evidence, best: Hypothesis, first_p: float, tests: int, prove: Prover | None = None) -> Naming:
     """Select which effects of the best hypothesis are reported; prove: as in ``decide``."""
-    best = told_apart(evidence, best)
+    best = separated(evidence, best)
     twin, weighed = evidence.twin, evidence.weighed
     chance = probabilities(weighed)
     named = [named_effect(evidence, best, number, chance, tests) for number in range(len(best.effects))]
     kept = [
         n
         for number, n in enumerate(named)
-        if n.probability + sum(n.rivals[name] for name in n.equivalent) >= SAID
-        and borne_out(evidence, best, number)
+        if n.probability + sum(n.rivals[name] for name in n.equivalent) >= REPORTED
+        and confirmed(evidence, best, number)
         and not _part_of_a_curve(evidence, best, number)
     ]
     fit = best.fit if len(kept) == len(best.effects) else _refitted(twin, best, kept)
@@ -585,7 +585,7 @@ def decided(evidence: Evidence, best: Hypothesis, first_p: float, tests: int, pr
     names = [n for n in kept if not n.effect.id.startswith(NAMELESS)]
     ids = {n.effect.id for n in kept}
     # A rejected effect may fit the segments that the fit saw; its probability is reported as one half at most.
-    considered = {name: min(p, SAID) for name, p in chance.items() if name and name not in ids and not name.startswith(NAMELESS)}
+    considered = {name: min(p, REPORTED) for name, p in chance.items() if name and name not in ids and not name.startswith(NAMELESS)}
     first = refit(twin, best.whiten, [], twin.start())
     r, J = best.whiten.back(fit.r), best.whiten.back(fit.J) * evidence.prior(fit)
     noise = best.noise.estimated(best.whiten.base, r, J, best.noise.s, with_sigma=True)

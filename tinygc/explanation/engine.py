@@ -46,13 +46,13 @@ class Explanation:
 
     gravity: during the turns, where stills bound them. findings: shapes without a name. own_p: p-values of each channel by itself, before
     and after. detection_limits: effect id -> detection limit in its parameter's unit. decision: the verdict of ``fit`` on this session,
-    which is explained here; None where no fit was possible, and beside a further reference. shown: what such a reference, or a machine
-    that turned the sensor, shows besides (``REFERENCE`` of session/base/features.py).
+    which is explained here; None where no fit was possible, and with a further reference. shown: what such a reference, or a machine
+    that turned the sensor, shows as well (``REFERENCE`` of session/base/features.py).
     """
 
     session: Session
     problem: Problem
-    mended: RepairedProblem
+    repaired: RepairedProblem
     twin: Twin
     naming: Naming
     gravity: TurnGravity | None
@@ -143,22 +143,22 @@ def explain_session(
     fit = fit.without_physics if fit is not None else _fitted(prepared, use_earth) if reference is None else None
     prepared = prepared.as_given()
     session, problem = prepared.session, prepared.problem
-    mended, twin, naming, proof = named_in(problem, FitClosure.stated_by(fit, fitted), seed, progress)
+    repaired, twin, naming, proof = named_in(problem, FitClosure.stated_by(fit, fitted), seed, progress)
     whiten, gravity = naming.whiten, turn_gravity(twin, naming.fit) if twin.stills else None
-    shown = None if reference is None else reference.shown(mended, twin, naming.first, naming.fit, naming.noise)
+    shown = None if reference is None else reference.shown(repaired, twin, naming.first, naming.fit, naming.noise)
     beyond_noise = naming.first.chi_square - (len(naming.first.r) - naming.first.J.shape[1])
     named = named_claims(naming.fit, naming.named, beyond_noise)
-    before_the_fit = [*mended.found.values(), *([] if gravity is None else offset_claim(gravity))]
+    before_the_fit = [*repaired.found.values(), *([] if gravity is None else offset_claim(gravity))]
     beyond = named_claims(naming.fit, naming.beyond, beyond_noise)
     claimed = before_the_fit + named + naming.undersampled
-    claimed = claimed if shown is None else shown.beside(claimed)
+    claimed = claimed if shown is None else shown.all_claims(claimed)
     # What is detected along the catalogue's columns is a mismatch where it has a name; else the tests of ``fit`` decide.
     decision = None if fit is None or reference is not None else fit.verdict()
     p_values = [claim.p_value for claim in claimed] + ([naming.p_value] if claimed or beyond or decision is None else [])
     p_value = min([*p_values, *([] if decision is None else least_p(decision.tests))])
-    explanation = Explanation(session, problem, mended, twin, naming, gravity, proof, "", p_value, claimed, beyond)
+    explanation = Explanation(session, problem, repaired, twin, naming, gravity, proof, "", p_value, claimed, beyond)
     explanation.decision, explanation.shown = decision, shown
-    rejected = [*(Considered(name, p) for name, p in naming.considered.items()), *mended.considered]
+    rejected = [*(Considered(name, p) for name, p in naming.considered.items()), *repaired.considered]
     explanation.considered = sorted(rejected, key=lambda each: -each.probability)
     before, after = (own_p_values(twin, whiten, fit) for fit in (naming.first, naming.fit))
     explanation.own_p = {name: (before[name], after[name]) for name in before}
@@ -181,29 +181,29 @@ def _fitted(prepared: Prepared, use_earth: bool) -> FitResult | None:
 
 def named_in(problem: Problem, stated: FitClosure, seed: int, progress: Progress) -> tuple[RepairedProblem, Twin, Naming, Proof]:
     """Repair a problem, select the effects, and prove them; stated: by ``fit`` for this session."""
-    mended = repair(problem, lambda what: progress(what, 2, 6))
-    if mended.recorded is not None:
-        problem, stated = mended.recorded, FitClosure.of(mended.recorded, stated.options)
-    twin, naming, proof = _decided(problem, mended, seed, progress, stated)
+    repaired = repair(problem, lambda what: progress(what, 2, 6))
+    if repaired.recorded is not None:
+        problem, stated = repaired.recorded, FitClosure.of(repaired.recorded, stated.options)
+    twin, naming, proof = _decided(problem, repaired, seed, progress, stated)
     # Removing a creeping still joins two turns into one, which is longer and for that reason alone closes worse.
-    if mended.found.keys() - {CREEPING} and proof.worse:
-        mended = replace(mended, problem=problem, found={})  # a repair that makes the closure worse is rejected
-        twin, naming, proof = _decided(problem, mended, seed, progress, stated)
-    return mended, twin, naming, proof
+    if repaired.found.keys() - {CREEPING} and proof.worse:
+        repaired = replace(repaired, problem=problem, found={})  # a repair that makes the closure worse is rejected
+        twin, naming, proof = _decided(problem, repaired, seed, progress, stated)
+    return repaired, twin, naming, proof
 
 
 def _decided(
     problem: Problem,
-    mended: RepairedProblem,
+    repaired: RepairedProblem,
     seed: int,
     progress: Progress,
     stated: FitClosure,
 ) -> tuple[Twin, Naming, Proof]:
     """Build the twin of the repaired problem, select its effects, and prove both on held-out segments."""
     progress("digital twin", 3, 6)
-    twin = stated.twin if stated.twin is not None and stated.twin.problem is mended.problem else twin_of(mended.problem)
+    twin = stated.twin if stated.twin is not None and stated.twin.problem is repaired.problem else twin_of(repaired.problem)
     prove = Prover(problem, twin, stated)
-    naming = decide(twin, seed, lambda what: progress(what, 4, 6), mended.reference, prove)
+    naming = decide(twin, seed, lambda what: progress(what, 4, 6), repaired.reference, prove)
     naming = replace(naming, fit=settled(twin, naming.whiten, naming.fit))
     progress("proof on held-out segments", 5, 6)
     fit = naming.fit
@@ -227,8 +227,8 @@ def _heading_not_used(problem: Problem) -> list[Finding]:
     if given is None or earth.source != "estimated" or earth.heading_rad is None:
         return []
     seen = f"{earth.heading_rad / DEG:.0f}° ± {earth.heading_sigma_rad / DEG:.0f}°"
-    says = f"site.heading_deg = {given:g}, the stills say {seen}, which was used"
-    finding = Finding("warning", "session.toml", "heading", says, "did the sensor begin at the table's index?")
+    text = f"site.heading_deg = {given:g}, the stills give {seen}, which was used"
+    finding = Finding("warning", "session.toml", "heading", text, "did the sensor begin at the table's index?")
     return [as_arguments(finding) if problem.session.in_memory else finding]
 
 

@@ -12,7 +12,7 @@ from session.base.numeric import rms_of
 from tinygc.effects import Effect
 from tinygc.inference.choose import Selection, price
 from tinygc.noise.channels import in_gauge
-from tinygc.noise.components import SessionNoise, Whiteners, first_noise, noise_beside
+from tinygc.noise.components import SessionNoise, Whiteners, first_noise, noise_with
 from tinygc.noise.refit import ENOUGH, Refit, Replay, prior_sigmas, refit, scanned
 from tinygc.noise.twin import Twin, claim_slice
 from tinygc.noise.whitening import Whitener
@@ -137,7 +137,7 @@ class Evidence:
         return self.whiteners.of(self.first_noise)
 
     def first_p(self, tried: list[Effect], seed: int) -> float:
-        """Family-wise p-value of what these candidates would explain beside no effect."""
+        """Family-wise p-value of what these candidates would explain, compared with no effect."""
         nothing = self.nothing
         return selection_of(self.twin, nothing.whiten, nothing.fit, tried, seed, self.replay).p_value(nothing.fit.r)
 
@@ -191,7 +191,7 @@ class Evidence:
             r = r - J[:, part] @ have.fit.state.claims[number].theta
             J, prior = (np.delete(values, part, axis=-1) for values in (J, prior))
         columns = np.zeros((len(r), 0)) if add is None else self.columns(add) * add.parameter.plausible
-        return noise_beside(self.first_noise, have.whiten, have.whiten.base, r, J * prior, columns, have.noise.s).value
+        return noise_with(self.first_noise, have.whiten, have.whiten.base, r, J * prior, columns, have.noise.s).value
 
     def columns(self, effect: Effect) -> np.ndarray:
         """(n, P) stacked change of the channels per unit of each parameter, from the linear model, which is accurate enough for ranking."""

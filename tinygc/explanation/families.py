@@ -1,4 +1,4 @@
-"""Families of effects that few recordings tell apart: one statement with its alternatives, instead of one name that hides the others."""
+"""Families of effects that few recordings separate: one statement with its alternatives, instead of one name that hides the others."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class SlowZero:
 
     @property
     def is_open(self) -> bool:
-        """Whether there are alternatives: several are probable, or no thermometer says what temperature did."""
+        """Whether there are alternatives: several are probable, or no thermometer recorded what temperature did."""
         return not self.thermometer or next(iter(self.shares.values())) < NAMED
 
     @property
@@ -58,8 +58,8 @@ def alternatives(shares: Mapping[str, float], thermometer: bool) -> str:
     among, end = ("", "") if thermometer else (" among those weighed", "; temperature was not recorded")
     if share >= NAMED:
         return f"as {SLOW_ZERO[first]} ({share:.2f}{among}){end}"
-    said = "".join(f", or {SLOW_ZERO[name]} ({part:.2f})" for name, part in others if part >= 1 - NAMED)
-    return f"most likely {SLOW_ZERO[first]} ({share:.2f}{among}){said}{end}"
+    others_text = "".join(f", or {SLOW_ZERO[name]} ({part:.2f})" for name, part in others if part >= 1 - NAMED)
+    return f"most likely {SLOW_ZERO[first]} ({share:.2f}{among}){others_text}{end}"
 
 
 def shares_of(weights: Mapping[str, float]) -> dict[str, float]:

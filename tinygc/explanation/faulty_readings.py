@@ -20,7 +20,7 @@ from session.log.samples import Samples, replaced
 
 #: rows above which a log is split, more than an hour at 208 Hz; rows of a part; rows of margin on either side, many times what any detector
 #: needs around a reading
-LONG, AT_ONCE, BESIDE = 1 << 20, 1 << 18, 1 << 12
+LONG, AT_ONCE, MARGIN = 1 << 20, 1 << 18, 1 << 12
 
 
 def in_parts(samples: Samples) -> Iterator[tuple[int, range, Samples]]:
@@ -31,8 +31,8 @@ def in_parts(samples: Samples) -> Iterator[tuple[int, range, Samples]]:
         return
     for start in range(0, count, AT_ONCE):
         own = range(start, min(start + AT_ONCE, count))
-        first = max(start - BESIDE, 0)
-        part = samples.between(first, min(own.stop + BESIDE, count))
+        first = max(start - MARGIN, 0)
+        part = samples.between(first, min(own.stop + MARGIN, count))
         part.__dict__["period_s"] = samples.period_s
         yield first, own, part
 
@@ -254,9 +254,9 @@ def _excursion_at(values: np.ndarray, scatter: np.ndarray, first: int, last: int
     if start < SIDE or stop + SIDE > len(values) or stop - start > LONGEST + 4:
         return None
     noise = scatter[first : last + 1].min(axis=0) / THIRD
-    inside, beside = cubic_across(values, start, stop)
+    inside, outside = cubic_across(values, start, stop)
     beyond = (values[start:stop] - inside) / noise
-    missed = (np.concatenate([values[start - SIDE : start], values[stop : stop + SIDE]]) - beside) / noise
+    missed = (np.concatenate([values[start - SIDE : start], values[stop : stop + SIDE]]) - outside) / noise
     away = np.linalg.norm(beyond[:, :3], axis=1)
     false = np.flatnonzero(away > max(BEYOND, 0.1 * away.max()))
     if not len(false) or np.linalg.norm(beyond[:, 3:], axis=1).max() > away.max():
@@ -293,17 +293,17 @@ def cubic_across(values: np.ndarray, start: int, stop: int) -> tuple[np.ndarray,
 
 def without_glitches(samples: Samples, glitches: Sequence[Glitch]) -> Samples:
     """Replace false readings by interpolation from their neighbours."""
-    mended: dict[str, dict[int, np.ndarray]] = {"gyro": {}, "accel": {}}
+    repaired: dict[str, dict[int, np.ndarray]] = {"gyro": {}, "accel": {}}
     rows, counts = (np.array([getattr(each, name) for each in glitches], dtype=int) for name in ("row", "samples"))
     for (row, count, both), (order, _) in zip(glitches, bridging.best_crossings(samples, rows, counts), strict=True):
         for name in ("gyro", "accel") if both else ("gyro",):
             first = max(row - bridging.SIDE, 0)
             near = np.array(getattr(samples, name)[first : row + count + bridging.SIDE])
-            for at in mended[name].keys() & set(range(first, first + len(near))):
-                near[at - first] = mended[name][at]
+            for at in repaired[name].keys() & set(range(first, first + len(near))):
+                near[at - first] = repaired[name][at]
             put_in = bridging.across(near, row - 1 - first, row + count - first, count, order)
-            mended[name] |= dict(zip(range(row, row + count), put_in, strict=True))
-    for name, by_row in mended.items():
+            repaired[name] |= dict(zip(range(row, row + count), put_in, strict=True))
+    for name, by_row in repaired.items():
         if by_row:
             rows = np.array(sorted(by_row))
             values = replaced(getattr(samples, name), rows, np.array([by_row[row] for row in rows.tolist()]))
@@ -336,7 +336,7 @@ def proposed(session: Session) -> list[RegisterFault]:
         calibrated = session.calibrated(log)
         if (glitches := find_glitches(samples)) is not None:
             own = set(_away_from_blows(calibrated, np.array([each.row for each in glitches])).tolist())
-            # No sensor outputs an impossible row, beside a blow or not; an excursion of the gyro may be the blow's.
+            # No sensor outputs an impossible row, near a blow or not; an excursion of the gyro may be the blow's.
             events += [RegisterFault(FALSE, number, row, count, accel) for row, count, accel in glitches if accel or row in own]
             samples = without_glitches(samples, glitches)
         samples = session.calibrated(replace(log, samples=samples))

@@ -38,10 +38,10 @@ def effect_of(twin: Twin, name: str) -> Effect:
         raise FitError(f"--physics: {name} is motion that the readings miss: there is nothing to fit, and no model gives it back")
     if (reference := twin.problem.session.reference) is not None and catalogue()[name].kind != "rate":
         raise FitError(
-            f"--physics: {name} cannot be fitted beside a {reference.title}: it bends what stills show, and none is a reference there"
+            f"--physics: {name} cannot be fitted against a {reference.title}: it bends what stills show, and none is a reference there"
         )
     if name not in known:
-        raise FitError(f"--physics: {name} cannot be fitted to this session (it needs what the log lacks, or is found without a fit)")
+        raise FitError(f"--physics: {name} cannot be fitted to this session (it needs what is not in the log, or is found without a fit)")
     if (scan := known[name].scan) is not None:
         raise FitError(f"--physics: {name} has a value ({scan.name}) that must be searched for; use --physics auto")
     return known[name]
@@ -62,20 +62,20 @@ def fit_physics(
     stated = FitClosure.of(problem) if stated is None else stated
     refused = False
     if ids is None:
-        mended, twin, decision, proof = named_in(problem, stated, seed, lambda what, done, of: progress(what))
-        named = decision.named or decision.undersampled or mended.found
+        repaired, twin, decision, proof = named_in(problem, stated, seed, lambda what, done, of: progress(what))
+        named = decision.named or decision.undersampled or repaired.found
         refused = leaves_more(twin, decision, proof) if named else decision.unnamed
     else:
-        mended = repair(problem, progress)
-        twin = twin_of(mended.problem)
+        repaired = repair(problem, progress)
+        twin = twin_of(repaired.problem)
         evidence = Evidence(twin)
-        asked = evidence.of(tuple(effect_of(twin, name) for name in ids), evidence.nothing)
-        proof = Prover(problem, twin, stated)(asked.whiten, settled(twin, asked.whiten, asked.fit))
+        requested = evidence.of(tuple(effect_of(twin, name) for name in ids), evidence.nothing)
+        proof = Prover(problem, twin, stated)(requested.whiten, settled(twin, requested.whiten, requested.fit))
     fit, left = proof.fit, proof.left
     if left.problem is None or left.fit is None:
         raise FitError(f"{problem.session.name}: without what is named, least squares does not converge; fit without --physics")
     rate_claims = tuple(claim for claim in fit.state.claims if claim.effect.kind == "rate")
-    model = PhysicsModel(fit.state.model, rate_claims, conditions(mended.problem))
+    model = PhysicsModel(fit.state.model, rate_claims, conditions(repaired.problem))
     # The fitted effects of the accelerometer with their parameters and std, inflated where the residuals exceed the noise.
     found = []
     for number, claim in enumerate(fit.state.claims):
@@ -83,7 +83,7 @@ def fit_physics(
             _, parameters, std = readable(claim, fit.widened * fit.theta_covariance(number))
             found.append({"id": claim.effect.id, "equation": claim.effect.equation, "parameters": parameters, "std": std})
     angles, unseen = left.fit.angles, proof.named
-    return PhysicsFit(model, mended.problem, left.problem, fit, angles, unseen, tuple(mended.found), refused, of_force=tuple(found))
+    return PhysicsFit(model, repaired.problem, left.problem, fit, angles, unseen, tuple(repaired.found), refused, of_force=tuple(found))
 
 
 # Samples lost in a closure run.  A log's losses are repaired by its own closure; a run is never fitted, so its losses are not repaired.

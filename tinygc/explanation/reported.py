@@ -152,18 +152,18 @@ def adopt(fit: FitResult, explanation: Explanation | None) -> Adopted:
     """Choose the calibration to report."""
     losses = [loss_words(lost_in(run)) for run in fit.runs]
     if explanation is not None and any(claim.effect.kind == "rate" for claim in explanation.proof.fit.state.claims):
-        proof, problem = explanation.proof, explanation.mended.problem
+        proof, problem = explanation.proof, explanation.repaired.problem
         if tilt_rms(proof.after) < tilt_rms(proof.before):
             claims = tuple(claim for claim in proof.fit.state.claims if claim.effect.kind == "rate")
             known = conditions(problem)
-            judged = fit.judged_by(explanation.twin.original, proof.after, proof.after_numbers, (proof.fit, claims, known))
-            assert judged.covariance is not None  # ``judged_by`` gives one
+            tested = fit.judged_by(explanation.twin.original, proof.after, proof.after_numbers, (proof.fit, claims, known))
+            assert tested.covariance is not None  # ``judged_by`` gives one
             return Adopted(
-                **vars(judged) | {"run_losses": losses},
+                **vars(tested) | {"run_losses": losses},
                 name=PHYSICS,
-                model=model_at(judged.vector, claims, known),
+                model=model_at(tested.vector, claims, known),
                 claims=claims,
-                quantities=field_facts(judged.vector[:PARAMETERS], judged.covariance[:PARAMETERS, :PARAMETERS], judged.unobserved),
+                quantities=field_facts(tested.vector[:PARAMETERS], tested.covariance[:PARAMETERS, :PARAMETERS], tested.unobserved),
                 accelerometer=problem.session.config.accelerometer,
             )
     linear = fit.linear.linear
@@ -259,8 +259,8 @@ def gather(
         prepared = replace(prepared, problem=problem.changed(at_rest=prepared.problem.at_rest))
     how: dict[str, Any] = {"seed": options.seed, "use_earth": options.earth, "progress": progress, "prepared": prepared}
     explanation = explain_session(session, fit=fit, **how) if explain else None
-    progress("what the session shows besides", 0, 1)
-    # Beside a further reference the linear model is reported: what is named there may be the reference's.
+    progress("further figures of the session", 0, 1)
+    # With a further reference the linear model is reported: what is named there may be the reference's.
     of_sensor = explanation if fit.session.reference is None else None
     adopted = adopt(fit, of_sensor)
     allan = stillness(fit.problem)
@@ -268,8 +268,8 @@ def gather(
     beyond = [] if fit.session.reference is not None else _beyond(fit, explanation, adopted)
     quantities = [*adopted.quantities, *beyond, *_noise(allan)]
     # UTC time, or that of SOURCE_DATE_EPOCH, which makes reports reproducible to the byte.
-    asked = os.environ.get("SOURCE_DATE_EPOCH", "")
-    moment = datetime.fromtimestamp(int(asked), UTC) if asked.isdigit() else datetime.now(UTC)
+    epoch = os.environ.get("SOURCE_DATE_EPOCH", "")
+    moment = datetime.fromtimestamp(int(epoch), UTC) if epoch.isdigit() else datetime.now(UTC)
     return ReportData(
         fit=fit,
         explanation=explanation,

@@ -75,7 +75,7 @@ def where(e: Explanation) -> dict:
     """Phases, axes, segments with their seconds, the time span and the regime of the mismatch; empty if there is none."""
     if e.verdict == "no_mismatch":
         return dict(NOWHERE)
-    told = [*e.claimed, *e.findings]
+    shown = [*e.claimed, *e.findings]
     phases = {phase for claim in e.claimed for phase in claim.effect.observable_in}  # a shape without a name may be seen anywhere
     names = {"closure": "turn", "still": "still", "length": "reference"}
     phases |= {names[name] for name, (before, after) in e.own_p.items() if (after if e.claimed else before) < BELONGS_P}
@@ -88,10 +88,10 @@ def where(e: Explanation) -> dict:
     for number in segments:
         start = float(began[at[number].log] + at[number].start_s)
         spans.append([round(start, 3), round(start + at[number].duration_s, 3)])
-    strongest = next((claim for claim in told if claim.effect.conditions), None)
+    strongest = next((claim for claim in shown if claim.effect.conditions), None)
     return {
         "phases": [phase for phase in order if phase in phases],
-        "axes": _axes(e, told),
+        "axes": _axes(e, shown),
         "segments": segments,
         "segment_seconds": spans,
         "seconds": _seconds(e, strongest, spans),
@@ -107,17 +107,17 @@ def worst_segments(e: Explanation) -> list[int]:
     return [e.proof.before_numbers[i] for i in order if excess[i] > BELONGS_SIGMAS / np.sqrt(2)]
 
 
-def _axes(e: Explanation, told: list[Claim]) -> list[str]:
+def _axes(e: Explanation, shown: list[Claim]) -> list[str]:
     """Body axes whose parameters are significant; without claims, axes whose residual rates in the stills are significant."""
     weights = np.zeros(3)
-    for claim in told:
+    for claim in shown:
         name = claim.effect.parameter.name
         if name not in claim.std or claim.effect.kind == "register":
             continue
         ratio = np.abs(np.ravel(claim.parameters[name])) / np.maximum(np.ravel(claim.std[name]), 1e-300)
         if ratio.size % 3 == 0:
             weights = np.maximum(weights, ratio.reshape(3, -1).max(axis=1))
-    if not told and e.twin.stills:
+    if not shown and e.twin.stills:
         part = e.whiten.parts["still"]
         rows = own_residuals(e.twin, e.whiten, e.naming.first)[0][part].reshape(-1, 3)
         weights = np.abs(rows).max(axis=0)
@@ -232,7 +232,7 @@ def what_next(e: Explanation) -> str | None:
 
 # Rejected candidates, competing effects and the noise, in words that terminal and report share.
 
-MOST_SAID = 6  #: entries of each list on a page; the JSON has all
+MOST_LISTED = 6  #: entries of each list on a page; the JSON has all
 #: an effect with a lower probability is not listed
 LEAST_CHANCE = 0.01
 
@@ -250,8 +250,8 @@ def considered_lines(e: Explanation) -> list[str]:
         size = max(np.ravel(claim.parameters[claim.effect.parameter.name]), key=abs)
         fits = f"{claim.effect.id}: would fit with {size:.2g} {claim.effect.parameter.unit}"
         lines.append(f"{fits}, more than such a sensor has: it is something else, or the reference's")
-    told = [each for each in e.considered if each.moments or each.probability >= LEAST_CHANCE]
-    return [*lines, *(_considered_lines(each) for each in sorted(told, key=lambda each: each.moments == 0)[:MOST_SAID])]
+    shown = [each for each in e.considered if each.moments or each.probability >= LEAST_CHANCE]
+    return [*lines, *(_considered_lines(each) for each in sorted(shown, key=lambda each: each.moments == 0)[:MOST_LISTED])]
 
 
 def _considered_lines(each: Considered) -> str:
@@ -263,15 +263,15 @@ def _considered_lines(each: Considered) -> str:
     before, after = (f"{rad / DEG:.3f}°" for rad in each.closure_rad)
     where = f"{each.id} at {each.moments} {'moment' if each.moments == 1 else 'moments'}: closure there is {before}"
     if before == after:
-        return f"{where}, and {'no number of lost samples makes it' if each.id == LOST else 'once mended it is no'} better"
-    return f"{where} as recorded, {after} once mended"
+        return f"{where}, and {'no number of lost samples makes it' if each.id == LOST else 'once repaired it is no'} better"
+    return f"{where} as recorded, {after} once repaired"
 
 
 def rival_words(claim: Claim) -> list[str]:
     """``gyro.bias_step (0.04)``: competing effects that are probable enough to list, most probable first, without the equivalent ones."""
     rivals = sorted(claim.rivals.items(), key=lambda rival: -rival[1])
     shown = [(name, chance) for name, chance in rivals if chance >= LEAST_CHANCE and name not in claim.equivalent]
-    return [f"{name} ({chance_words(chance)})" for name, chance in shown[:MOST_SAID]]
+    return [f"{name} ({chance_words(chance)})" for name, chance in shown[:MOST_LISTED]]
 
 
 def equivalent_words(claim: Claim) -> list[str]:
@@ -285,7 +285,7 @@ def noise_rows(e: Explanation) -> list[tuple[str, str, str]]:
 
 
 def families_of(e: Explanation) -> list[SlowZero]:
-    """Statements of families whose members this recording hardly tells apart."""
+    """Statements of families whose members this recording hardly separates."""
     slow = slow_zero(e.twin, [*e.claimed, *e.findings])
     return [slow] if slow is not None and slow.is_open else []
 

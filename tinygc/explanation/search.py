@@ -78,7 +78,7 @@ def ranked(evidence: Evidence, tried: list[Effect], have: Hypothesis) -> list[Ef
 
 def _most_promising(
     evidence: Evidence,
-    beside: tuple[Whitener, Refit, Replay],
+    fitted: tuple[Whitener, Refit, Replay],
     rest: list[Effect],
     promise: np.ndarray,
     least: float,
@@ -93,7 +93,7 @@ def _most_promising(
         effect = rest[number]
         key = effect.id if effect.scan is not None else effect.equation
         if key not in found and key not in known:
-            whiten, fit, replay = beside
+            whiten, fit, replay = fitted
             found[key] = sharpened(evidence.twin, whiten, fit, effect, replay)
     return found
 
@@ -102,14 +102,14 @@ def promises(evidence: Evidence, looks: list[tuple[Whitener, Refit]], rest: list
     """(len(looks), len(rest)) twice the log evidence that each candidate would add by its linear columns, for each fit and its whitening,
     with the noise fixed.  Columns are computed once for all fits."""
     found = np.empty((len(looks), len(rest)))
-    beside = []
+    left = []
     for _, fit in looks:
         q = orthonormal(fit.J)
-        beside.append((q, fit.r - q @ (q.T @ fit.r)))
+        left.append((q, fit.r - q @ (q.T @ fit.r)))
     for first in range(0, len(rest), TOGETHER):
         some = rest[first : first + TOGETHER]
         stacked = [evidence.columns(effect) for effect in some]
-        for look, ((whiten, _), (q, r)) in enumerate(zip(looks, beside, strict=True)):
+        for look, ((whiten, _), (q, r)) in enumerate(zip(looks, left, strict=True)):
             for number, (effect, columns) in enumerate(zip(some, whiten.each(stacked), strict=True), first):
                 basis = left_of(q, columns)
                 gain = float(np.sum((basis.T @ r) ** 2))
@@ -157,7 +157,7 @@ def without_idle(evidence: Evidence, best: Hypothesis) -> Hypothesis:
 
 
 def resharpened(evidence: Evidence, best: Hypothesis) -> Hypothesis:
-    """Search each scanned shape again beside the other effects: found beside fewer, the time of a step bends towards what they explain.
+    """Search each scanned shape again with the other effects: found with fewer, the time of a step bends towards what they explain.
     Shapes on which an effect depends smoothly are fitted with all else (``refit``)."""
     for number, effect in enumerate(best.effects):
         if len(best.effects) < 2 or effect.scan is None or effect.scan.smooth:
@@ -329,7 +329,7 @@ def _finding(
     name: str,
     equation: str,
     size: int,
-    says: str,
+    words: str,
     regime: tuple[str, str],
     *,
     columns: OfMovement | None = None,
@@ -349,7 +349,7 @@ def _finding(
         observable_in=("still", "turn"),
         columns=columns,
         basis=basis,
-        describe=lambda theta: f"{says} (up to {np.abs(theta).max() / DEG:.3f} dps); nothing in the catalogue does this",
+        describe=lambda theta: f"{words} (up to {np.abs(theta).max() / DEG:.3f} dps); nothing in the catalogue does this",
         discriminating_motion="repeat the session with this variable changed on purpose, all else alike",
         conditions=regime,
         inputs=inputs,
@@ -369,8 +369,8 @@ def _periodic(frequency_hz: float) -> Effect:
         return np.stack([np.cos(phase), np.sin(phase)], axis=-1)
 
     equation = f"ω += a cos(2π f t) + b sin(2π f t), f = {frequency_hz:.4f} Hz"
-    says = f"the zero-rate offset oscillates with a period of {1 / frequency_hz:.1f} s"
-    return _finding("periodic", equation, 6, says, ("time", "s"), basis=basis, inputs=("time",))
+    words = f"the zero-rate offset oscillates with a period of {1 / frequency_hz:.1f} s"
+    return _finding("periodic", equation, 6, words, ("time", "s"), basis=basis, inputs=("time",))
 
 
 def _warm_ups(seconds: np.ndarray) -> list[Effect]:
@@ -384,8 +384,8 @@ def _warm_up(time_constant_s: float) -> Effect:
         return np.exp(-movement.t_s / time_constant_s)[:, None]
 
     equation = f"ω += b exp(−t / τ), τ = {time_constant_s:.0f} s"
-    says = f"the zero-rate offset settles within some {time_constant_s:.0f} s, as of a sensor that warms up: log its temperature"
-    return _finding("warm_up", equation, 3, says, ("time", "s"), basis=basis, inputs=("time",))
+    words = f"the zero-rate offset settles within some {time_constant_s:.0f} s, as of a sensor that warms up: log its temperature"
+    return _finding("warm_up", equation, 3, words, ("time", "s"), basis=basis, inputs=("time",))
 
 
 def _curve(variable: str, unit: str, scaled: OfMovement, order: int) -> Effect:
@@ -439,7 +439,7 @@ def _world(earth: EarthRate, latitude_deg: float | None) -> Effect:
         as_long = abs(np.linalg.norm(whole) / EARTH_RATE_RPS - 1) < LIKE_THE_EARTH
         if latitude_deg is not None and as_long and abs(seen - latitude_deg) > ANOTHER_DEG:
             return (
-                f"the stills turn with the Earth at a latitude of about {seen:.0f} deg, session.toml says {latitude_deg:g}: "
+                f"the stills turn with the Earth at a latitude of about {seen:.0f} deg, session.toml has {latitude_deg:g}: "
                 "look at site.latitude_deg and its sign (south is negative)"
             )
         return f"{np.linalg.norm(theta) / DEG:.4f} dps is fixed in the world beyond the Earth's: does the table turn?"
@@ -467,9 +467,9 @@ def _field(twin: Twin) -> Effect:
     def basis(movement: Movement) -> np.ndarray:
         return twin.level_axes[began[float(movement.t_s[0])]]
 
-    says = "the zero-rate offset follows a level direction that is fixed in the world: a magnetic field, a draught, the sun"
+    words = "the zero-rate offset follows a level direction that is fixed in the world: a magnetic field, a draught, the sun"
     return _finding(
-        "world_field", "ω += K n, n two level directions fixed in the table", 18, says, ("attitude", "g"), basis=basis, inputs=("time",)
+        "world_field", "ω += K n, n two level directions fixed in the table", 18, words, ("attitude", "g"), basis=basis, inputs=("time",)
     )
 
 

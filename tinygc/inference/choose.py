@@ -72,8 +72,8 @@ def normal_above(value: float) -> float:
 DRAWS = 1000
 #: draws that are tested at once, as those of thousands of rows are the largest arrays of a session
 TOGETHER = 200
-#: the least part of a column that may be left beside allowances, which are finite differences themselves (``twin.SMALL_SHARE``)
-UNSEEN_BESIDE = 1e-3
+#: the least part of a column that may be left by allowances, which are finite differences themselves (``twin.SMALL_SHARE``)
+UNSEEN_LEFT = 1e-3
 
 #: key of a candidate: an id, a number or the effect itself
 Name = TypeVar("Name")
@@ -84,7 +84,7 @@ class Selection(Generic[Name]):
 
     nuisance (n, p); candidates: name -> columns (n, P); allowances (n, m): directions along which the covariance is wide; scale_rows: rows
     that determine the noise scale; along: names of the candidates that are also tested along the allowances.  is_known: whether the rows
-    are in units of a known noise; otherwise their own scale counts, with ``beside``: squares and degrees of freedom that say it as well.
+    are in units of a known noise; otherwise their own scale counts, with ``further``: squares and degrees of freedom of it as well.
     seen: columns are changes of a plausible size, and a direction counts if it is at least so many sigmas; None: it counts if more than
     ``UNSEEN`` of it is left.
     """
@@ -99,7 +99,7 @@ class Selection(Generic[Name]):
         scale_rows: slice | np.ndarray = slice(None),
         along: frozenset = frozenset(),
         is_known: bool = False,
-        beside: tuple[float, float] = (0.0, 0.0),
+        further: tuple[float, float] = (0.0, 0.0),
         seen: float | None = None,
     ):
         self.q = orthonormal(nuisance)
@@ -108,7 +108,7 @@ class Selection(Generic[Name]):
         self.n = len(nuisance)
         self._seed, self._rows, self._along = seed, scale_rows, along
         self._candidates, self._nuisance, self._allowances = candidates, nuisance, allowances
-        self._is_known, self._beside = is_known, beside
+        self._is_known, self._further = is_known, further
 
     def gains(self, r: np.ndarray) -> dict[Name, float]:
         """Chi-square that each candidate would remove of residuals r (n,)."""
@@ -135,7 +135,7 @@ class Selection(Generic[Name]):
         """(DRAWS,) sorted logarithms of the smallest p-value where nothing is missing."""
         rng = np.random.default_rng(self._seed)
         r = rng.standard_normal((self.n, DRAWS))
-        more = rng.chisquare(self._beside[1], DRAWS) if self._beside[1] else np.zeros(DRAWS)
+        more = rng.chisquare(self._further[1], DRAWS) if self._further[1] else np.zeros(DRAWS)
         some = [slice(first, first + TOGETHER) for first in range(0, DRAWS, TOGETHER)]
         return np.sort(np.concatenate([self.lowest_log_p(r[:, own], more[own]) for own in some]))
 
@@ -147,20 +147,20 @@ class Selection(Generic[Name]):
         q = orthonormal(np.concatenate([unit_columns(self._nuisance), unit_columns(self._allowances)], axis=1), UNSEEN)
         groups = []
         for name, columns in self._candidates.items():
-            basis = left_of(self.q, columns) if name in self._along else left_of(q, columns, UNSEEN_BESIDE)
+            basis = left_of(self.q, columns) if name in self._along else left_of(q, columns, UNSEEN_LEFT)
             if basis.shape[1]:
                 groups.append((basis, name in self._along))
         return q, groups
 
     def lowest_log_p(self, r: np.ndarray, more: np.ndarray | None = None) -> np.ndarray:
-        """(draws,) logarithm of the smallest p-value of residuals r (n, draws); more (draws,): squares beside them, those given if None."""
+        """(draws,) logarithm of the smallest p-value of residuals r (n, draws); more (draws,): further squares, those given if None."""
         from scipy.special import chdtrc, fdtrc  # late: a fit asks for no chance
 
         q, groups = self._tested
         r = r - self.q @ (self.q.T @ r)
         left = (r - q @ (q.T @ r))[self._rows]
-        rss = np.sum(left**2, axis=0) + (self._beside[0] if more is None else more)
-        freedom = len(left) - np.sum(q[self._rows] ** 2) + self._beside[1]
+        rss = np.sum(left**2, axis=0) + (self._further[0] if more is None else more)
+        freedom = len(left) - np.sum(q[self._rows] ** 2) + self._further[1]
         lowest = np.zeros(r.shape[1])
         for basis, is_along in groups:
             rank = basis.shape[1]
@@ -220,7 +220,7 @@ def chance_of_any(p_value: float, count: int) -> float:
     return float(-np.expm1(count * np.log1p(-min(p_value, 1 - 1e-16))))
 
 
-# Evidence of a hypothesis beside none.
+# Evidence of a hypothesis against none.
 
 #: prior odds of any effect of the catalogue, and of any shape without a name: about one recording in three shows none of twenty effects
 PRIOR_ODDS = 1 / 30
@@ -231,7 +231,7 @@ STEPS = np.exp(-np.linspace(0.0, SCALES, 11))
 #: natural logarithms of the odds from which an effect is suspected, being more probable than not as a name of ``explain`` is; and from
 #: which the recording contradicts the model: it is there with 95 %
 SUSPECTED, SURE = float(np.log(1 / PRIOR_ODDS)), float(np.log(19 / PRIOR_ODDS))
-#: that of odds between two effects that one fit does not tell apart: "positive" evidence (Kass & Raftery 1995)
+#: that of odds between two effects that one fit does not separate: "positive" evidence (Kass & Raftery 1995)
 AS_PROBABLE = 3.0
 
 
@@ -267,7 +267,7 @@ def scales_of(counts: Sequence[int]) -> np.ndarray:
 
 
 def log_evidence(information: np.ndarray, pull: np.ndarray, scales: np.ndarray) -> np.ndarray:
-    """(K,) logarithm of the evidence of columns X beside none for each set of prior sigmas, scales (K, P); information X' P X (P, P) and
+    """(K,) logarithm of the evidence of columns X against none for each set of prior sigmas, scales (K, P); information X' P X (P, P) and
     pull X' P r (P,) of whitened rows."""
     inner = np.eye(len(information)) + information * scales[:, :, None] * scales[:, None, :]
     scaled = pull * scales
@@ -282,12 +282,12 @@ def over_scales(information: np.ndarray, pull: np.ndarray, counts: Sequence[int]
     return float(np.logaddexp.reduce(found) - np.log(len(found)))
 
 
-#: share of its square below which nothing is left of a column beside others
+#: share of its square below which nothing is left of a column by others
 NOTHING_LEFT = 1e-9
 
 
 def each_alone(r: np.ndarray, J: np.ndarray, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pull and information (K,) of each column (n, K) by itself beside J (n, p), in whitened rows r (n,) = column size + J p + noise; NaN
+    """Pull and information (K,) of each column (n, K) by itself, given J (n, p), in whitened rows r (n,) = column size + J p + noise; NaN
     where J leaves nothing of it.
 
     Its size is pull / information, of sigma information^-1/2, and removes a chi-square of pull^2 / information.
@@ -430,7 +430,7 @@ def averaged(weights: np.ndarray, values: np.ndarray, sigmas: np.ndarray) -> tup
 
 
 class Standing(StrEnum):
-    """What the evidence says of a statement."""
+    """Standing of a statement by the evidence."""
 
     FOR = "for"
     AGAINST = "against"
@@ -486,7 +486,7 @@ def agreement(values: np.ndarray, covariances: np.ndarray) -> Agreement:
 @dataclass(frozen=True)
 class Statement:
     """A statement with its evidence.  what: its subject; test: the name of the test; size, limit: with units; claimed: the size that was
-    claimed, if one was; more: what is said behind it; value, sigma, upper: the size, its sigma and its upper 95 % limit as numbers, where
+    claimed, if one was; more: text behind it; value, sigma, upper: the size, its sigma and its upper 95 % limit as numbers, where
     they are known; figures: what else its table has."""
 
     what: str
@@ -513,13 +513,13 @@ class Statement:
     @property
     def words(self) -> str:
         """Return one sentence without its full stop."""
-        said = {
+        words = {
             Standing.FOR: self.size,
             Standing.AGAINST: f"{self.size}, not {self.claimed}",
             Standing.BOUNDED: f"below {self.limit} with 95 %",
             Standing.UNDECIDED: f"undecided; {self.size}; more than {self.limit} is excluded with 95 %",
         }
-        return f"{self.what}: {said[self.standing]} ({self.test}, p = {self.p_value:.2g}){self.more}"
+        return f"{self.what}: {words[self.standing]} ({self.test}, p = {self.p_value:.2g}){self.more}"
 
     def table(self) -> dict[str, Any]:
         """Return it for JSON."""

@@ -160,7 +160,7 @@ class Fact:
 
     word: what it is; unit; value and sigma, its standard uncertainty (NaN: not known), in that unit; freedom: degrees of freedom of u;
     observed: whether the session determines it; component of the word: ``x``, ``x to y``; key: of ``session.log.requirements``; moved: how
-    far one effect that the model lacks may have moved it, a standard uncertainty as well, or NaN; at_most: limit of what is not observed,
+    far one effect missing from the model may have moved it, a standard uncertainty as well, or NaN; at_most: limit of what is not observed,
     or NaN; note: a remark for the reader; relative: whether it is decided on the scale of logarithms, as a size is whose scatter grows
     with it (sigma then is value times that of the logarithm); errors: three errors and the sigma of each, whose root mean square it is.
     """

@@ -327,7 +327,7 @@ def lowest(
 
 
 def _cost(x: np.ndarray, parts: list, p: int, slope: bool) -> tuple[float, np.ndarray, np.ndarray]:
-    """``Cost`` without the prior; its information leaves out what blocks tell together."""
+    """``Cost`` without the prior; its information leaves out what blocks share."""
     within, pull, value = np.eye(p), np.zeros(p), 0.0
     kept = []
     for r, J, base, V in parts:
@@ -379,7 +379,7 @@ def where_risen(rise: Callable[[float], float], low: float, step: float, by: flo
     """Size above ``low``, where -2 log L is least, at which it has risen ``by`` so much, to this share of the size; infinite where it does
     not.
 
-    rise: by how much it has risen at a size, all else estimated anew or held, as the caller has it; step: the first size tried beyond low.
+    rise: by how much it has risen at a size, all else estimated again or held, as the caller has it; step: the first size tried beyond low.
     """
     begin, high = low, low + step
     under, over = -by, rise(high) - by

@@ -150,7 +150,7 @@ def inverse_lower(factor: np.ndarray) -> np.ndarray:
 
 # Bases of columns, after what is fitted in any case has been projected out.
 
-#: a direction of which less than this remains beside the nuisance columns is unobservable: 0.01 %, less than columns are linear to
+#: a direction of which less than this is left by the nuisance columns is unobservable: 0.01 %, less than columns are linear to
 UNSEEN = 1e-4
 
 
@@ -229,7 +229,7 @@ def total(sources: Iterable[Source]) -> np.ndarray:
 
 
 def known_sources(sources: Sequence[Source], covariance: np.ndarray) -> tuple[Source, ...]:
-    """The sources of a covariance (P, P); where they are not told apart, one of them all whose size is taken as known."""
+    """The sources of a covariance (P, P); where they are not separated, one of them all whose size is taken as known."""
     matching = sources and sources[0].covariance.shape == covariance.shape and np.allclose(total(sources), covariance, rtol=1e-6, atol=0)
     return tuple(sources) if matching else (Source("all together", "A", float("inf"), covariance),)
 

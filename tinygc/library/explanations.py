@@ -54,10 +54,10 @@ class FoundEffect:
     #: ids of effects that this recording cannot distinguish from it
     equivalent: tuple[str, ...]
     #: description in one sentence
-    says: str
+    description: str
 
     def __repr__(self) -> str:
-        return f"<{self.id}: {self.says}>"
+        return f"<{self.id}: {self.description}>"
 
 
 class Why(Shown):
@@ -122,7 +122,7 @@ class Why(Shown):
 
     @property
     def noise(self) -> list[dict[str, Any]]:
-        """Components of the non-white noise: ``name``, ``size``, ``sigma`` (None: not known), ``unit``, ``says``."""
+        """Components of the non-white noise: ``name``, ``size``, ``sigma`` (None: not known), ``unit``, ``description``."""
         return self.table["noise"]["components"]
 
     @property
@@ -250,5 +250,5 @@ def _explained(where: Session | Path, further: Sequence[Any], how: dict[str, Any
 
 def _found(entry: dict) -> FoundEffect:
     names = ("id", "equation", "parameters", "std", "p_value", "probability", "rivals")
-    told: dict[str, Any] = {name: entry.get(name) for name in names}
-    return FoundEffect(**told, says=entry["description"], equivalent=tuple(entry.get("equivalent", ())))
+    fields: dict[str, Any] = {name: entry.get(name) for name in names}
+    return FoundEffect(**fields, description=entry["description"], equivalent=tuple(entry.get("equivalent", ())))

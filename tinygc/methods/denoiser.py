@@ -15,7 +15,7 @@ from session.base.progress import Steps, untold
 from tinygc.closure import residual
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import Batch
-from tinygc.estimation.held_out import run_method, tell
+from tinygc.estimation.held_out import report, run_method
 from tinygc.estimation.options import Checkpoint, FitOptions, MethodFit, device
 from tinygc.inference.noise import Cost, lowest
 from tinygc.models.denoiser import DILATIONS, KERNEL, PARAMETERS, REACH, DenoisedNet, Denoiser
@@ -446,7 +446,7 @@ def run(problem: Problem, options: FitOptions, progress: Steps, before: dict[str
     steps, loss = len(calibrated.fold_models) + 1, "endpoint" if endpoint else "neighbours"
 
     def train(seen: Material, calibration: Model, done: int, label: str, **how: Any) -> DenoiserTraining:
-        told = partial(tell, progress, done, steps)
+        told = partial(report, progress, done, steps)
         if options.as_in_paper:
             return train_adamw(seen, calibration, options.seed, told, options.checkpoint(f"denoiser_{label}"))
         return train_denoiser(seen, calibration, loss, seed=options.seed, progress=told, **how)

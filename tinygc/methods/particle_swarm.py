@@ -14,7 +14,7 @@ from tinygc.closure import residual
 from tinygc.closure.least_squares import Nearby, StillRates
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import Batch
-from tinygc.estimation.held_out import FitInput, held_out, tell
+from tinygc.estimation.held_out import FitInput, held_out, report
 from tinygc.estimation.options import FitOptions, MethodFit
 from tinygc.models.linear import PRIOR_SIGMA, LinearModel
 
@@ -112,7 +112,7 @@ def search(
         return total
 
     for leg in range(LEGS):
-        of_all, total = partial(tell, progress, leg, LEGS), partial(cost, nearby.gathered((2 / sigma) ** 2))
+        of_all, total = partial(report, progress, leg, LEGS), partial(cost, nearby.gathered((2 / sigma) ** 2))
         centre = LinearModel.from_vector(minimise(total, centre.vector, box * START_BOX, rng, progress=of_all))
         exact, seen = residual.segment_residuals(batch, centre(batch.rate)), nearby.residuals(centre.vector[None])[0]
         if np.abs((exact - seen) / sigma).max() < AS_SEEN:

@@ -103,7 +103,7 @@ def in_gauge(twin: Twin, whiten: Whitener, fit: Refit) -> Refit:
     Some follow a convention (skews of axes are counted from the earliest).  A common delay (sensitivity to angular acceleration, whose
     diagonal is one plus differences) is the delay between gyro and accelerometer; so is that of a lag, as far as the closure permits.
     """
-    if not twin.stills:  # beside a further reference turns begin and end in motion, so the closure observes a common delay
+    if not twin.stills:  # with a further reference turns begin and end in motion, so the closure observes a common delay
         return fit if twin.clock is None else _by_the_clock(twin, whiten, fit, twin.clock)
     for number, claim in enumerate(fit.state.claims):
         gauge = claim.effect.gauge_convention

@@ -101,7 +101,7 @@ def _sum(rate: np.ndarray, at_s: np.ndarray) -> np.ndarray:
     return np.einsum("st,sti->si", np.diff(at_s, axis=1), rate[:, 1:] + rate[:, :-1]) / 2
 
 
-# The variance components of all channels besides white noise.
+# The variance components of all channels beyond white noise.
 #
 # A component is V_k s_k^2: V_k follows from the recording's geometry, s_k is estimated (``estimate``).
 #
@@ -141,7 +141,7 @@ class Component:
     """A variance component.
 
     name; V (n, n) rad^2, (rad/s)^2 and (m/s^2)^2 of the stacked channels for s = 1, without its zeros and its upper half; usual: s as
-    large as white noise, SI, where a search starts; prior: of s, if any; unit and si: display unit of s, its SI value; says: description.
+    large as white noise, SI, where a search starts; prior: of s, if any; unit and si: display unit of s, its SI value.
     """
 
     name: str
@@ -149,7 +149,7 @@ class Component:
     usual: float
     unit: str
     si: float
-    says: str
+    description: str
     prior: Prior | None = None
 
     def add_to(self, total: np.ndarray, s: float) -> None:
@@ -172,8 +172,8 @@ def components_of(twin: Twin, sizes: tuple[int, int, int], missed: Undersampling
         diagonal = np.zeros(sum(sizes))
         diagonal[: sizes[0]] = np.repeat(missed.predicted_rad**2, d)
         prior = Prior(1.0, FILTERED_SPREAD, FACTOR_SPREAD)
-        says = "motion faster than half the data rate"
-        found.append(Component(UNDERSAMPLED, Sparse.of_diagonal(diagonal), 1.0, "times what is predicted", 1.0, says, prior))
+        words = "motion faster than half the data rate"
+        found.append(Component(UNDERSAMPLED, Sparse.of_diagonal(diagonal), 1.0, "times what is predicted", 1.0, words, prior))
     return [c for c in found if not isinstance(c.V, Sparse) or c.V.values.any()]
 
 
@@ -202,7 +202,7 @@ def _wander(twin: Twin, sizes: tuple[int, int, int]) -> Component:
             V[:, own] += left[:, pieces] @ response.T
     known = twin.problem.instability
     white = float(np.median(twin.problem.still_rates.sigma)) if q else 2 * _UNKNOWN_WANDER_RPS
-    # Stills hardly tell a drift from errors of their own: without a source beside them, what such gyroscopes have decides.
+    # Stills hardly separate a drift from errors of their own: without a further source, what such gyroscopes have decides.
     prior = Prior(_UNKNOWN_WANDER_RPS, _UNKNOWN_SPREAD)
     if known.rps > 0 and not (known.of_unit and q):
         spread = TYPICAL_SPREAD if known.of_unit or known.source.startswith("typical") else GIVEN_SPREAD
@@ -302,7 +302,9 @@ class SessionNoise:
     @property
     def beyond_words(self) -> str:
         """The components that are larger than such a sensor has, with what it has, in one line."""
-        return "; ".join(f"{c.says} {s / c.si:.2g} {c.unit}, where {most / c.si:.2g} {c.unit} is usual" for c, s, most in self.beyond)
+        return "; ".join(
+            f"{c.description} {s / c.si:.2g} {c.unit}, where {most / c.si:.2g} {c.unit} is usual" for c, s, most in self.beyond
+        )
 
     @property
     def unusual(self) -> bool:
@@ -338,7 +340,7 @@ class SessionNoise:
                 "size": float(s / c.si),
                 "sigma": float(sigma / c.si) if np.isfinite(sigma) else None,
                 "unit": c.unit,
-                "description": c.says,
+                "description": c.description,
             }
             for s, sigma, c in zip(self.s, self.sigma, self.components, strict=True)
         ]
@@ -346,7 +348,7 @@ class SessionNoise:
     @property
     def words(self) -> str:
         """The components present, in one line."""
-        found = [f"{c.says} {s / c.si:.2g} {c.unit}" for s, c in zip(self.s, self.components, strict=True) if s > 0]
+        found = [f"{c.description} {s / c.si:.2g} {c.unit}" for s, c in zip(self.s, self.components, strict=True) if s > 0]
         return "; ".join(found) or "none"
 
     def without(self, name: str) -> SessionNoise:
@@ -363,7 +365,7 @@ class SessionNoise:
         with_sigma: bool = False,
         steps: int = SCORING_STEPS,
     ) -> SessionNoise:
-        """Re-estimate the components beside white noise of covariance (n, n), with columns J (n, p), stacked, in units of their priors'
+        """Re-estimate the components, with white noise of covariance (n, n), with columns J (n, p), stacked, in units of their priors'
         sigmas, and residuals r (n,), stacked.
 
         An effect that explains part of a component reduces it.  start: s (K,) at which the search starts; with_sigma: whether to compute
@@ -386,11 +388,11 @@ class SessionNoise:
         return replace(self, **vars(found))
 
 
-#: steps of an estimate beside one more effect, which starts from the noise without it
+#: steps of an estimate with one more effect, which starts from the noise without it
 _GUESS_STEPS = 7
 
 
-def noise_beside(
+def noise_with(
     noise: SessionNoise,
     whiten: Callable[[np.ndarray], np.ndarray],
     white: np.ndarray | Banded,
@@ -399,7 +401,7 @@ def noise_beside(
     columns: np.ndarray,
     start: np.ndarray,
 ) -> SessionNoise:
-    """Re-estimate the noise with an effect, by linear columns (n, P), beside J (n, p), both stacked and in units of their priors' sigmas.
+    """Re-estimate the noise with an effect, by linear columns (n, P), with J (n, p), both stacked and in units of their priors' sigmas.
 
     The sigma of the effect's prior becomes the rms of its own parameters.  whiten: by the noise without it, of sizes ``start``; white
     (n, n): white noise.
@@ -416,7 +418,7 @@ def noise_beside(
     return noise.estimated(white, r + both @ optimum(), both, start, steps=_GUESS_STEPS)
 
 
-#: of each twin that is in use: ``explain`` asks where ``fit`` has asked before
+#: of each twin that is in use: ``explain`` needs it after ``fit``
 _FIRST_NOISE: WeakKeyDictionary[Twin, SessionNoise] = WeakKeyDictionary()
 
 
@@ -481,7 +483,7 @@ class Whiteners:
         return len(self._held)
 
     def of(self, noise: SessionNoise, keep: bool = True) -> Whitener:
-        """Whitener for white noise and this noise; keep: whether it will be asked for again."""
+        """Whitener for white noise and this noise; keep: whether it is needed again."""
         found = self._held.pop(noise, None)
         if found is None:
             while len(self._held) >= HELD:  # drop the least recently used before computing another

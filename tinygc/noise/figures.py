@@ -26,7 +26,7 @@ from session.base.records import Count, Key, Share, Size, read_record, record_of
 from session.base.results import Array, Column, Keys, ListOf, Maybe, Number, Text
 from tinygc.inference.choose import ONE_SIDED
 
-#: file of a unit's noise figures, beside ``fit.json``
+#: file of a unit's noise figures, next to ``fit.json``
 FILE = "noise.json"
 #: terms in the order of frequency, from the highest
 TERMS = ("Q", "N", "G", "B", "K", "R")
@@ -57,7 +57,7 @@ MISFIT, TOLERATED = 0.01, 1.5
 
 
 def fits_data(p_value: float, excess: float) -> bool:
-    """Whether terms describe their data: up to chance, or so nearly that wider sigmas say it."""
+    """Whether terms describe their data: up to chance, or so nearly that wider sigmas cover it."""
     return p_value >= MISFIT or excess <= TOLERATED
 
 
@@ -96,7 +96,7 @@ class Term:
     def mean_square(self) -> float:
         """Mean of the square of its size over the sets of terms, SI squared, 0 where it is not chosen.
 
-        Of terms that are limits alone, as B and K that are not told apart, the squares of the means would add up to less than any set has.
+        Of terms that are limits alone, as B and K that are not separated, the squares of the means would add up to less than any set has.
         """
         return self.value**2 + (self.sigma**2 if self.sigma is not None and not self.is_determined else 0.0)
 
@@ -288,7 +288,7 @@ class NoiseFigures:
         return {"gyro": self.gyro} | ({} if self.accel is None else {"accel": self.accel})
 
 
-#: s: what the terms do not describe below it is usual, of a sensor's own filter, and is not said
+#: s: what the terms do not describe below it is usual, of a sensor's own filter, and is not reported
 LATE_S = 1.0
 
 

@@ -1,4 +1,4 @@
-"""Noise figures that were measured at rest (``noise.json``), beside a session of the same unit.
+"""Noise figures that were measured at rest (``noise.json``), for a session of the same unit.
 
 They are the prior of the session's bias drift (``_session_instability``), and the session is held against them: its white noise
 (``_white_comparisons``) and its bias drift (``_drift_comparison``).  A session's stills give its white noise to a percent, which a prior
@@ -68,7 +68,7 @@ def _rms(squares: np.ndarray, relative: np.ndarray, count: int) -> tuple[float, 
 # The bias drift of a session, from figures at rest.
 #
 # A session's drift is modelled as flicker noise of one instability B (``closure.floor``).  A unit at rest may show a random walk of the
-# rate or a Gauss-Markov process besides, or in its place.  Which of them matters depends on the session's length: over minutes, a random
+# rate or a Gauss-Markov process as well, or in its place.  Which of them matters depends on the session's length: over minutes, a random
 # walk that rules over hours may be nothing.  Flicker noise has the same Allan variance, 2 ln 2 / pi B^2, at all averaging times.  So the
 # instability of a session is the one whose Allan variance is the mean of the measured one over the session's time scales, in equal parts
 # of their logarithm.  The Allan variance at one octave is about twice the power of the drift in that octave, so that both drifts have the
@@ -124,7 +124,7 @@ def _white_comparisons(problem: Problem, sensor: SensorNoise, rate_hz: float) ->
     """White noise of the gyroscope in a session's stills over that at rest, for each axis; empty where the stills are too few.
 
     rate_hz: data rate of the rest.  Both are Allan variances at one averaging time of the stills, so that the data rate of either does not
-    matter, nor what the figures hold besides white noise.  Their ratio follows F: the stills have the degrees of freedom of the Allan
+    matter, nor what the figures hold beyond white noise.  Their ratio follows F: the stills have the degrees of freedom of the Allan
     variance, the figures those of its sigma.  Rounding to the register's steps is white noise whose density depends on range and data rate;
     up to as much as the session's own steps would make in both, a difference is none.  Figures that do not describe an axis are compared
     with nothing.
@@ -185,7 +185,7 @@ CHI_95 = 3.841
 def _drift_comparison(known: BiasInstability, likelihood: np.ndarray | None, limit: bool = False) -> NoiseComparison | None:
     """Bias drift of a session over that at rest; None where the session does not show it.
 
-    likelihood (B,): of the session's stills at each of ``GRID_RPS``.  The ratio is judged by the likelihood ratio, in which the drift at
+    likelihood (B,): of the session's stills at each of ``GRID_RPS``.  The ratio is tested by the likelihood ratio, in which the drift at
     rest is another observation of ln B, with its own sigma.  Its interval holds the ratios whose chi-square is below 3.84.  limit: the rest
     gives an upper limit alone; ratios are to the limit, and only a larger drift contradicts it.
     """
@@ -215,7 +215,7 @@ def _drift_comparison(known: BiasInstability, likelihood: np.ndarray | None, lim
 def measured_noise(noise: Path | None = None) -> AtRest:
     """Noise figures for ``prepare``: those of ``noise``, else ``fit/noise.json`` of the session's folder, else none.
 
-    Figures that were made of nothing but the session's own stills are none: they say nothing that the session does not say itself.
+    Figures that were made of nothing but the session's own stills are none: they add nothing to the session.
     Raises FormatError for figures that cannot be read, or are of another serial number.
     """
 
@@ -239,7 +239,7 @@ def measured_noise(noise: Path | None = None) -> AtRest:
 
 
 def compared(problem: Problem, figures: NoiseFigures, path: Path) -> MeasuredNoise:
-    """Put figures beside a session.
+    """Add figures to a session.
 
     A drift that the session contradicts is no prior of it, and a mere limit is none where a smaller drift is given or typical.  Figures of
     the session's own stills and of hours of rest are taken as if the stills were not in them, whose share is small.

@@ -23,7 +23,7 @@ from tinygc.effects import Conditions, Movement, movement_of
 #: rows above which a session is decimated: more than an hour at 208 Hz
 LONG = 1_000_000
 #: s over which rests are averaged, and s around a turn that stay unchanged: many times the memory of a filter or a lag
-TOGETHER_S, BESIDE_S = 1.0, 0.5
+TOGETHER_S, MARGIN_S = 1.0, 0.5
 #: rows processed at once, and s of margin on either side: many times the averaging time of temperature and vibration
 AT_ONCE, AROUND_S = 1 << 18, 5.0
 
@@ -137,13 +137,13 @@ def movement_in(problem: Problem, seen: Problem, thinnings: list[Thinning] | Non
 
 def _edges(samples: Samples, stills: list[Still], segments: list[Segment]) -> np.ndarray:
     """Edges (M + 1,): every row of these segments, the ends of every still, and one row per second between."""
-    count, beside = len(samples), round(BESIDE_S / samples.period_s)
+    count, margin = len(samples), round(MARGIN_S / samples.period_s)
     edge = np.zeros(count + 1, dtype=bool)
     edge[:: max(1, round(TOGETHER_S / samples.period_s))] = True
     for still in stills:
         edge[[still.start, still.stop]] = True
     for segment in segments:
-        edge[max(segment.start - beside, 0) : segment.stop + beside + 1] = True
+        edge[max(segment.start - margin, 0) : segment.stop + margin + 1] = True
     edge[[0, 1, count - 1, count]] = True  # keep the first and last times
     return np.flatnonzero(edge)
 

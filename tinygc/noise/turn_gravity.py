@@ -35,7 +35,7 @@ ALARMS = 1e-3
 #: error of the tilt makes velocity all the same
 MOVING, MARGIN = 0.02, 2
 #: largest p-value of the held-out improvement, as for every claim
-BORNE_OUT_P = 0.05
+CONFIRMED_P = 0.05
 #: s, length of a row of the lever arm's fit: at 200 dps gravity rotates by 5 degrees within one
 ROW_S = 0.025
 
@@ -73,7 +73,7 @@ class TurnGravity:
     @property
     def is_offset(self) -> bool:
         """Whether the offset between the two clocks is significant."""
-        return abs(self.offset_s) > self.bar_s and self.held_out_p < BORNE_OUT_P
+        return abs(self.offset_s) > self.bar_s and self.held_out_p < CONFIRMED_P
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +96,7 @@ class _TurnEquations:
         return np.maximum(self.square + np.sum((fitted - 2 * self.right) * solution, axis=1), 0.0)
 
     def sigma_s(self) -> float:
-        """Sigma of the delay: the jackknife over the turns, which err independently (Efron 1982, equation 3.13)."""
+        """Sigma of the delay: the jackknife over the turns, whose errors are independent (Efron 1982, equation 3.13)."""
         count = len(self.count)
         if count < 2:
             return np.inf

@@ -122,7 +122,7 @@ class Twin:
     #: the reference's own errors, which compete with the sensor's; and a slow bias, where no still shows it
     errors: tuple[Effect, ...] = ()
     slow: tuple[Effect, ...] = ()
-    #: of these, the offset of the reference's clock, where nothing tells it: a delay common to all axes is then this offset
+    #: of these, the offset of the reference's clock, where it is unknown: a delay common to all axes is then this offset
     clock: Effect | None = None
 
     def __init__(self, problem: Problem):
@@ -134,7 +134,7 @@ class Twin:
         self.seen, self._thinnings = thinned(problem)
         problem = self.seen  # in the rows passed to effects
         self.segments = problem.used
-        at_rest = all(segment.first is not None for segment in self.segments)  # beside a further reference no still is a reference
+        at_rest = all(segment.first is not None for segment in self.segments)  # with a further reference no still is a reference
         self.stills = problem.references if at_rest else []
         self.force = force_of([still for _, still in self.stills])
         self.q_tb = np.concatenate([log.references.q_tb for log in problem.logs]) if at_rest else np.zeros((0, 4))
@@ -441,7 +441,7 @@ class Twin:
         return Channels(-design, -self._still_means(by_log), np.zeros((len(self.stills), size)))
 
     def _by_segment(self, by_log: list[Callable[[slice | np.ndarray], np.ndarray]]) -> Iterator[tuple[int, np.ndarray]]:
-        """Number of each segment, and the values (n, …) at its samples, of functions of the rows of each log, asked for some at a time."""
+        """Number of each segment, and the values (n, …) at its samples, of functions of the rows of each log, some at a time."""
         for some in residual.parts(len(self.segments)):
             for log, group in groupby(range(len(self.segments))[some], key=lambda number: self.segments[number].log):
                 numbers = list(group)

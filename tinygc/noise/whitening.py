@@ -52,7 +52,7 @@ class Whitener:
 
     @property
     def white(self) -> np.ndarray:
-        """(n, n) of ``base``, made anew."""
+        """(n, n) of ``base``, a copy."""
         return self.base.dense()
 
     @cached_property
@@ -77,7 +77,7 @@ class Whitener:
         return inverse_lower(self._factor)
 
     def back(self, whitened: np.ndarray) -> np.ndarray:
-        """Undo the whitening of stacked channels (n,) or (n, m)."""
+        """Invert the whitening of stacked channels (n,) or (n, m)."""
         return self._factor @ whitened
 
     def with_more(self, more: np.ndarray) -> Whitener:

@@ -12,7 +12,7 @@ from tinygc.inference.decide import KINDS
 from tinygc.reporting.facts import Part, Table
 from tinygc.reporting.terminal import Text, one_line
 
-#: why a recording says nothing of an effect, or what it says
+#: why a recording does not test an effect, or its outcome
 REASONS = {
     "of one recording": "a course of time, a motion, or readings of this recording, which no other repeats",
     "of one unit": "the sensor's own, and the other recording is of another unit",

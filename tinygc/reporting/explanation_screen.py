@@ -40,8 +40,8 @@ SMALLER |= {"fraction of full scale": ("% of full scale", 1e2)}
 def explanation_screen(e: Explanation) -> list[Part]:
     """Facts of an explanation for its first screen, without what to do next."""
     parts: list[Part] = [*headline(e), _closure(e), *_looks(e), ""]
-    if len(told := [*e.claimed, *e.findings]) > 1:
-        parts += [one_line(f"{number}. {_statement(claim)}.") for number, claim in enumerate(told, 1)]
+    if len(named := [*e.claimed, *e.findings]) > 1:
+        parts += [one_line(f"{number}. {_statement(claim)}.") for number, claim in enumerate(named, 1)]
     rows = [row for claim in e.claimed for row in _rows(claim)]
     parts += [one_line(" ".join(row)) for row in rows if len(row) == 3]
     of_axes = [(f"{label}, {unit}", *values) for label, unit, *values in rows if len(values) > 1]
@@ -52,10 +52,10 @@ def explanation_screen(e: Explanation) -> list[Part]:
 
 def headline(e: Explanation) -> list[Text]:
     """The answer in one line, and what it leaves open."""
-    style, told = KINDS[e.verdict].style, [*e.claimed, *e.findings]
+    style, named = KINDS[e.verdict].style, [*e.claimed, *e.findings]
     scatter = max((rms_of(sigmas) for sigmas in e.within.values()), default=0.0)
     left = f"within the stills the rate scatters {scatter:.0f} sigma beyond its noise" if scatter > BEYOND_NOISE else ""
-    found = "" if not told else _statement(told[0]) if len(told) == 1 else f"{len(told)} effects explain the mismatch"
+    found = "" if not named else _statement(named[0]) if len(named) == 1 else f"{len(named)} effects explain the mismatch"
     if e.verdict == "no_mismatch":
         first = f"OK, but {left}." if left else f"OK: nothing beyond the model shows ({probability(e.p_value)})."
         return [Text(first, style)]
@@ -63,12 +63,12 @@ def headline(e: Explanation) -> list[Text]:
         words = found or (e.words[0])
         return [one_line(f"NOT EXPLAINED: {words}.", style), *([Text(f"Not explained either: {left}.", style)] if left else [])]
     alike = [claim for claim in e.claimed if claim.equivalent]
-    fit = f", one of {len(alike[0].equivalent) + 1} that fit" if alike and len(told) == 1 else ""
+    fit = f", one of {len(alike[0].equivalent) + 1} that fit" if alike and len(named) == 1 else ""
     lines = [one_line(f"FOUND{', not all' if left or e.verdict == 'partly_explained' else fit}: {found}.", style)]
     lines += [Text("Something without a name is left.", style)] if e.verdict == "partly_explained" else []
     lines += [Text(f"Not explained: {left}.", style)] if left else []
     for claim in alike:
-        instead = f" in place of {plain_name(claim.effect.id)}" if len(told) > 1 else ""
+        instead = f" in place of {plain_name(claim.effect.id)}" if len(named) > 1 else ""
         lines.append(one_line(f"Fit as well{instead}: {', '.join(map(plain_name, claim.equivalent))}.", "yellow"))
     return lines
 
@@ -84,7 +84,7 @@ def plain_name(id: str) -> str:
 
 def _statement(claim: Claim) -> str:
     """What the effect does, without what to do about it."""
-    return printable(claim.says.partition(": ")[0])
+    return printable(claim.description.partition(": ")[0])
 
 
 def _closure(e: Explanation) -> Text:
@@ -105,7 +105,7 @@ def _looks(e: Explanation) -> Iterator[Text]:
         step = f" Gyro and accelerometer in step ({measured(1e3 * e.gravity.offset_s, 1e3 * e.gravity.whole_sigma_s)} ms)."
         lever = ", ".join(f"{1e3 * x:.0f}" for x in e.gravity.lever_m)
         yield Text(f"Lever arm {lever} mm.{'' if e.gravity.is_offset else step}")
-        if not e.mended.found:
+        if not e.repaired.found:
             yield Text("No clipping, no lost samples.")
     if e.warnings:
         what = listed(list(dict.fromkeys(warning.what for warning in e.warnings)), 3)
@@ -170,7 +170,7 @@ def _limit(name: str, size: float) -> tuple[str, str]:
 
 def next_line(e: Explanation, following: str | None) -> str:
     """What to do next: what would decide what is open, else what to do about the effect."""
-    do = following or "; ".join(dict.fromkeys(claim.says.partition(": ")[2] for claim in e.claimed if ": " in claim.says))
+    do = following or "; ".join(dict.fromkeys(claim.description.partition(": ")[2] for claim in e.claimed if ": " in claim.description))
     return f"next: {do}" if do else "next:"
 
 

@@ -48,7 +48,7 @@ def explanation_facts(e: Explanation, panels: Sequence[Part] = (), with_next: bo
         named = style == "bold cyan"
         chance = f"   probability {chance_words(claim.probability)}{among * named}, {probability(claim.p_value, claim.p_is_bound)}"
         share = "" if named else f"; it carries {100 * (claim.share or 0):.0f} % of the misfit"
-        parts += [Text.assemble((f"{claim.effect.id}  ", style), claim.effect.equation, chance), f"  {claim.says}{share}"]
+        parts += [Text.assemble((f"{claim.effect.id}  ", style), claim.effect.equation, chance), f"  {claim.description}{share}"]
         parts += [f"  {line}" for line in parameter_lines(claim.parameters, claim.std) if named]
         if claim.equivalent:
             parts.append(Text(f"  fit as well: {', '.join(equivalent_words(claim))}", "yellow"))
@@ -102,7 +102,7 @@ def channels_table(e: Explanation) -> Table:
 def _stamps(e: Explanation) -> Text:
     """Compare registers and stamps with the prediction, which has no false reading and one sample per period."""
     longest = max(float(log.samples.dt_s.max() / log.samples.period_s) for log in e.problem.logs)
-    repaired = [claim.effect for claim in e.claimed if claim.effect.id in e.mended.found]
+    repaired = [claim.effect for claim in e.claimed if claim.effect.id in e.repaired.found]
     found = [effect.id for effect in repaired if effect.occurs is None or effect.occurs.counts != IN_STILLS]
     registers = ", ".join(found) or "no clipping, no false readings, no lost samples"
     return Text(f"registers: {registers}; stamps: longest interval {longest:.2f} periods")

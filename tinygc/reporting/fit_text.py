@@ -282,7 +282,7 @@ def _physics_words(physics: PhysicsFit, contradicted: bool) -> str:
 
     claims = enumerate(physics.fit.state.claims)
     fitted = [described(claim.effect, claim.theta, physics.fit.theta_covariance(number)) for number, claim in claims]
-    mended = [f"mended before: {', '.join(physics.mended)}"] if physics.mended else []
+    mended = [f"mended before: {', '.join(physics.repaired)}"] if physics.repaired else []
     if physics.refused and (contradicted or fitted):
         explain = command_line("explain")
         nameless = f"a mismatch that no effect in the catalogue fits ({explain} says what is known): nothing is added to the linear model"

@@ -35,7 +35,7 @@ def of(values, named=(0,), share=0.0, unknown=(), instead=(), sigmas=1.0):
     scale = OFFSET.parameter.plausible / 1000
     each = enumerate(zip(values, sigmas, strict=True))
     estimates = {n: (np.array([scale * x]), np.array([[(scale * s) ** 2]])) for n, (x, s) in each}
-    claims = {n: SimpleNamespace(says="says", equivalent=instead) for n in named}
+    claims = {n: SimpleNamespace(description="does", equivalent=instead) for n in named}
     return trait_of(OFFSET, claims, estimates, share, unknown)
 
 
@@ -131,7 +131,7 @@ def earth(factors, sigma=0.05):
     turned = [Rotation.from_euler("z", -yaw, degrees=True).apply(factor * rate) for yaw, factor in zip(yaws, factors, strict=True)]
     turns = [_yaw_to_array(body(yaws), n) for n in range(len(yaws))]
     estimates = {n: (R @ theta, R @ covariance @ R.T) for n, (theta, R) in enumerate(zip(turned, turns, strict=True))}
-    return trait_of(catalogue()["earth.rotation"], {0: SimpleNamespace(says="says", equivalent=())}, estimates, 0.0, ())
+    return trait_of(catalogue()["earth.rotation"], {0: SimpleNamespace(description="does", equivalent=())}, estimates, 0.0, ())
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from session.base.units import DEG
 from session.log.written import toml_text
 from tinygc import SimulationOptions
 from tinygc.effects import Movement, catalogue
-from tinygc.features.challenge.examination import ALIKE, ALONE, _host_of, _in_steps, _own_names, conceal, drawn, injected, judged
+from tinygc.features.challenge.examination import ALIKE, ALONE, _host_of, _in_steps, _own_names, compared, conceal, drawn, injected
 from tinygc.features.challenge.other_effects import MAKERS, bench
 from tinygc.simulation.simulator import plan_of, simulate_session
 
@@ -113,7 +113,7 @@ def test_refusals_are_one_line(tmp_path, capsys, folder):
     toml = beside / "session.toml"
     toml.write_text(toml.read_text().replace('"gravity"', '"truth"'))
     (beside / "truth0001.csv").write_text("t_s,qw,qx,qy,qz\n" + "".join(f"{0.5 * i},1,0,0,0\n" for i in range(1, 100)))
-    for place, says in ((tmp_path, "session.toml: not found"), (beside, "a recording beside truth files is not supported")):
+    for place, says in ((tmp_path, "session.toml: not found"), (beside, "a recording with a truth file is not supported")):
         assert calibrate.main(["challenge", "--on", str(place), "--quiet"]) == 2
         (line,) = capsys.readouterr().err.splitlines()
         assert says in line
@@ -143,7 +143,7 @@ def said(*names, limits=(), equivalent=(), verdict="explained"):
     ],
 )
 def test_each_is_right_or_wrong_or_below_its_limit(answer, outcome, wrong):
-    found = judged({"gyro.bias_step": 1.0}, STEP, answer, own=("gyro.g_sensitivity",))
+    found = compared({"gyro.bias_step": 1.0}, STEP, answer, own=("gyro.g_sensitivity",))
     assert (found.hidden[0].outcome, found.wrong) == (outcome, wrong)
     assert found.hidden[0].size == pytest.approx(0.5)
     assert (found.before_deg, found.after_deg) == (0.5, 0.1)

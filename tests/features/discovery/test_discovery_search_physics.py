@@ -14,7 +14,7 @@ from tinygc.features.discovery import engine, search_state
 from tinygc.features.discovery.detection_limits import learnable, learnable_from
 from tinygc.features.discovery.enumeration import enumerated
 from tinygc.features.discovery.form import PATTERNS, Factor, LawForm
-from tinygc.features.discovery.law_effect import as_effect, beside_calibration, correlation
+from tinygc.features.discovery.law_effect import as_effect, correlation, left_by_calibration
 from tinygc.features.discovery.projections import FAINT, Projection
 from tinygc.features.discovery.quantities import largest_of
 from tinygc.features.discovery.responses import Responses
@@ -126,7 +126,7 @@ def test_a_law_that_is_put_in_promises_most_and_could_be_learnt_from_a_share_of_
     best = screening.order[0]
     assert seen.forms[best] == ROOT_CUBE
     assert screening.chance.p(screening.tested[best]) < 1e-6
-    assert screening.tested[best] == screening.best_beside_last
+    assert screening.tested[best] == screening.best_after_last
     one, two = (learnable_from(screening, ROOT_CUBE, size * THETA, 0.01) for size in (1, 2))
     assert one < 2
     assert two == pytest.approx(one / 2, rel=0.05)
@@ -220,9 +220,9 @@ def test_what_a_calibration_takes_up_does_not_make_two_laws_alike():
     movement = some_movement(6)
     rate = movement.rate
     scale, law = 0.01 * rate + 0.02, rate * np.abs(rate)
-    assert correlation(beside_calibration(law, [movement]), beside_calibration(law + scale, [movement])) == pytest.approx(1)
-    assert np.abs(beside_calibration(scale, [movement])).max() < 1e-12
-    assert abs(correlation(beside_calibration(law, [movement]), beside_calibration(np.roll(law, 1, axis=1), [movement]))) < 0.5
+    assert correlation(left_by_calibration(law, [movement]), left_by_calibration(law + scale, [movement])) == pytest.approx(1)
+    assert np.abs(left_by_calibration(scale, [movement])).max() < 1e-12
+    assert abs(correlation(left_by_calibration(law, [movement]), left_by_calibration(np.roll(law, 1, axis=1), [movement]))) < 0.5
     assert correlation(law, 0 * law) == 0.0
 
 
@@ -287,7 +287,7 @@ def test_forms_that_take_up_as_much_in_any_projection_are_tried_the_plainest_fir
     plain, sign, square, little = (LawForm((Factor("rate", name),)) for name in ("cube", "sign", "square", "signed_root"))
     two, full = LawForm((Factor("rate"), Factor("force"))), LawForm((Factor("rate", "size"),), "full")
     dead, less_dead, soft = (LawForm((Factor("rate", name, c),)) for name, c in (("dead_zone", 0.1), ("dead_zone", 0.2), ("soft", 0.1)))
-    bar = (1 - search_state.LACKS) * np.array([60.0, 120.0]) - STAND_IN - search_state.MARGIN
+    bar = (1 - search_state.MISSING_SHARE) * np.array([60.0, 120.0]) - STAND_IN - search_state.MARGIN
     gains = {
         cube: (50, 120), same: (60, 100), little: bar - 0.1, square: (bar[0] + 0.1, 0), sign: (0, bar[1] + 0.1), full: (300, 0),
         two: (bar[0] + 0.2, 0), less_dead: (0, 300), dead: (0, 400), soft: (0, 200),
@@ -337,7 +337,7 @@ def answered(chance_p=1e-4, catalogue=WORTH, without=WORTH, shapes=WORTH, tests=
         ({"chance_p": 1.01 * search_state.CHANCE}, "no more than chance"),
         ({"catalogue": STAND_IN - 0.1}, "gyro.other is of equal worth"),
         ({"without": STAND_IN - 0.1}, "the rest explains"),
-        ({"name": STAND_IN - 0.1}, "on the turns that were searched gyro.other is of equal worth beside the rest"),
+        ({"name": STAND_IN - 0.1}, "on the turns that were searched gyro.other is of equal worth with the rest"),
         ({"shapes": -STAND_IN - 0.1}, "a shape without a law does better: unknown.smooth"),
         ({"tests": (DECIDED, held_out(removed=0.0))}, "worsens the closure"),
         ({"tests": (DECIDED, held_out(p_value=0.0505))}, "chance improves the held-out segments"),

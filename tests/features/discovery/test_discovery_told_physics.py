@@ -68,8 +68,8 @@ def test_a_law_that_is_hidden_is_found_and_shown(tmp_path, monkeypatch):
     for axis, channel in product(range(3), CHANNELS):  # what is left is noise, and what there is without the law is the law
         points = points_of(e, pair, axis, channel)
         assert np.sqrt(np.mean((points.left / points.sigma) ** 2)) < 1.8
-        assert len(points.says) >= 5
-        assert points.says @ points.without == pytest.approx(points.says @ points.says, rel=0.1)
+        assert len(points.predicted) >= 5
+        assert points.predicted @ points.without == pytest.approx(points.predicted @ points.predicted, rel=0.1)
 
 
 # Said.
@@ -107,10 +107,10 @@ TOLD = law_of(*ZONE, runners_up=(runner_up(CUBE),), same=(LawForm((Factor("rate"
             log0002.csv, left out whole (12 segments)
             equivalent in this recording: ω_i += c_i √|u_i|
             alternative: ω_i += c_i u_i³ (worse by 4.2, correlation 0.962)
-            beside it: gyro.bias_drift dps_over_log: 1.20 ± 0.10 0.40 ± 0.10 0.00 ± 0.10
+            together with it: gyro.bias_drift dps_over_log: 1.20 ± 0.10 0.40 ± 0.10 0.00 ± 0.10
             from 0.21 of its size on
             a search finds as much with p < 0.001
-            next: to tell ω_i += c_i dz(u_i, 0.1) from ω_i += c_i u_i³:""",
+            next: to separate ω_i += c_i dz(u_i, 0.1) from ω_i += c_i u_i³:""",
         ),
         (found(law_of(*ZONE, chance_p=0.0)), "a search finds as much with p < 0.001"),
         (found(law_of(*LAWS["matrix"])), "x ← x 0.1000 ± 0.0020\ny ← x 0.0500 ±\nz ← x -0.03000 ±"),

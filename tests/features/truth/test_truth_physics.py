@@ -320,8 +320,8 @@ def test_outages_are_claimed_where_they_were_with_what_is_sure_of_them_apart():
     assert sure.parameters["spans_s"] == [[1.0, 2.0], [101.5, 102.5]]
     assert (sure.p_value, sure.parameters["size_dps"], sure.equivalent) == (chance_of(7.0, 30, 30), [3.21, 5.0], ())
     assert (unsure.parameters["spans_s"], unsure.p_value, unsure.equivalent) == ([[5.0, 7.5]], chance_of(9.0, 50, 50), LIKE_AN_OUTAGE)
-    assert "the truth has lost the body" in sure.says
-    assert "the truth or the gyro is wrong there" in unsure.says
+    assert "the truth has lost the body" in sure.description
+    assert "the truth or the gyro is wrong there" in unsure.description
 
 
 def aligned(turned, sigma, mounting_deg=(0, 0, 0), source="assumed"):
@@ -397,25 +397,25 @@ def shown_with(fit, found_s=0.0, sigma_s=np.nan):
 @pytest.mark.parametrize(("sigmas", "said"), [(3.01, True), (2.99, False)])
 def test_a_clock_fitted_beside_a_delay_is_said_from_three_sigmas_on(sigmas, said):
     fit, other = fit_of(claim(LEAN, *np.zeros(9)), claim(OFFSET, -sigmas * 0.001), variance=0.5e-6), named(LEAN)
-    after = shown_with(fit).beside([other])
+    after = shown_with(fit).all_claims([other])
     assert [each.effect for each in after] == [LEAN, OFFSET][: 1 + said]
     if said:
         clock, p = after[1], float(stats.chi2.sf(sigmas**2, 1))
         assert (clock.parameters["seconds"], clock.std["seconds"], clock.p_value) == pytest.approx((-sigmas * 0.001, 0.001, p))
         assert (clock.share, clock.equivalent) == (None, common_delays())
-    assert shown_with(fit_of()).beside([other]) == [other]
+    assert shown_with(fit_of()).all_claims([other]) == [other]
 
 
 @pytest.mark.parametrize(("own", "p_value"), [(0.5, stats.chi2.sf(3.5**2, 1)), (1e-9, 1e-9)])
 def test_a_clock_found_before_the_fit_is_claimed_whole(own, p_value):
     """With what the fit leaves of it, and the sigma of that; where nothing is left to fit, with its own."""
     fit, weighed = fit_of(claim(OFFSET, 0.001), variance=0.002**2), replace(named(OFFSET, 0.2, own), probability=0.9, rivals={"x": 0.1})
-    clock, lean = shown_with(fit, 0.006).beside([weighed, named(LEAN)])
+    clock, lean = shown_with(fit, 0.006).all_claims([weighed, named(LEAN)])
     assert (clock.effect, lean.effect) == (OFFSET, LEAN)
     assert (clock.parameters["seconds"], clock.std["seconds"], clock.p_value) == pytest.approx((0.007, 0.002, p_value))
     assert (clock.share, clock.probability, clock.rivals, clock.equivalent) == (0.2, 0.9, {"x": 0.1}, common_delays())
     alone = shown_with(fit_of(), 0.006, 0.001)
-    (clock,) = alone.beside([])
+    (clock,) = alone.all_claims([])
     assert (clock.parameters["seconds"], clock.std["seconds"], clock.p_value) == pytest.approx((0.006, 0.001, stats.chi2.sf(36.0, 1)))
     assert [float(np.ravel(part)[0]) for part in alone.measured[OFFSET.id]] == pytest.approx([0.006, 1e-6])
     assert shown_with(fit_of()).measured == {OFFSET.id: None}
@@ -676,7 +676,7 @@ def test_a_still_effect_beside_a_truth_is_refused_in_one_line(tmp_path, capsys):
     assert calibrate.main(["fit", str(folder), "--physics", "earth.rotation", "--methods", "least_squares", "--quiet"]) == 2
     said = capsys.readouterr().err
     assert said.count("\n") == 1
-    assert "earth.rotation cannot be fitted beside a truth file" in said
+    assert "earth.rotation cannot be fitted against a truth file" in said
 
 
 def test_an_error_of_a_moment_of_truth_is_shared_by_two_turns_and_grows_with_the_rate_and_its_change():
@@ -718,6 +718,6 @@ def test_with_a_truth_a_run_begins_at_its_first_moment():
 def test_a_claim_says_the_axes_that_are_three_sigmas_off_zero_or_the_surest():
     drift, theta = catalogue()["gyro.bias_drift"], np.array([0.1, 0.2, 0.3]) * DEG
     for sigmas, said in (((3.01, 3.01, 2.99), [1, 1, 0]), ((2.5, 2.9, 2.8), [0, 1, 0]), ((9.0, 3.1, 2.9), [1, 1, 0])):
-        assert claim_of(AppliedEffect(drift, theta), np.diag((theta / sigmas) ** 2), 0.01).says == drift.describe(theta * said)
+        assert claim_of(AppliedEffect(drift, theta), np.diag((theta / sigmas) ** 2), 0.01).description == drift.describe(theta * said)
     bare = claim_of(AppliedEffect(drift, theta), None, 0.01)
-    assert (bare.says, bare.std, bare.probability) == (drift.describe(theta), {"dps_over_log": None}, 1.0)
+    assert (bare.description, bare.std, bare.probability) == (drift.describe(theta), {"dps_over_log": None}, 1.0)

@@ -16,8 +16,8 @@ from tinygc.effects.effect import GRAVITY_LENGTH
 #: indices in the upper triangle row by row, after the bias
 SCALES, SHEARS = (3, 6, 8), (4, 5, 7)
 #: projection without the common scale of all axes, which is gravity's length and not known as accurately
-TOLD = np.eye(9)
-TOLD[np.ix_(SCALES, SCALES)] -= 1 / 3
+OBSERVED = np.eye(9)
+OBSERVED[np.ix_(SCALES, SCALES)] -= 1 / 3
 
 
 def _nine(movement: Movement) -> np.ndarray:
@@ -26,13 +26,13 @@ def _nine(movement: Movement) -> np.ndarray:
     columns[:, :, :3] = np.eye(3)
     rows, of = UPPER
     columns[:, rows, np.arange(3, 9)] = movement.force_g[:, of]
-    return columns @ TOLD
+    return columns @ OBSERVED
 
 
-def _says(theta: np.ndarray) -> str:
+def _description(theta: np.ndarray) -> str:
     found = [f"by {abs(largest(theta[:3])) / MG:.1f} mg on {axis_of(theta[:3])}"]
     if len(theta) > 3:
-        scale, shear = (np.abs((TOLD @ theta)[list(which)]).max() / G for which in (SCALES, SHEARS))
+        scale, shear = (np.abs((OBSERVED @ theta)[list(which)]).max() / G for which in (SCALES, SHEARS))
         found += [f"by {scale * 1e6:.0f} ppm of scale", f"by {shear * 1e3:.1f} mrad of nonorthogonality"]
     where = " and ".join([", ".join(found[:-1]), found[-1]] if len(found) > 1 else found)
     return f"the accelerometer is off {where} since its pre-calibration: calibrate the accelerometer again first"
@@ -46,7 +46,7 @@ _BIAS = Effect(
     kind="force",
     columns=nothing(3),
     bends=lambda movement: identities(len(movement.force_g)),
-    describe=_says,
+    describe=_description,
     discriminating_motion="hold each axis of the accelerometer up and down: gravity's length must not change",
     conditions=("attitude", "g"),
     picture=GRAVITY_LENGTH,
@@ -57,7 +57,7 @@ EFFECT = replace(
         _BIAS,
         equation="f = f measured - b - S f measured, S upper triangular, of trace 0: bias, scale against the axes' mean, nonorthogonality",
         parameter=Parameter("errors_mg", (9,), "mg", MG, plausible=100 * MG),
-        derived=Parts((("bias_mg", MG, (0, 1, 2)), ("scale_ppm", 1e-6 * G, SCALES), ("nonorthogonality_mrad", 1e-3 * G, SHEARS)), TOLD),
+        derived=Parts((("bias_mg", MG, (0, 1, 2)), ("scale_ppm", 1e-6 * G, SCALES), ("nonorthogonality_mrad", 1e-3 * G, SHEARS)), OBSERVED),
         columns=nothing(9),
         bends=_nine,
     ),

@@ -14,7 +14,7 @@ EFFECT = Effect(
     bends=lambda movement: diagonal((movement.t_s - movement.duration_s / 2)[:, None] + 0 * movement.force_g),
     describe=lambda theta: (
         f"the accelerometer's zero drifts by {abs(largest(theta)) * 1000 / MG:.1f} mg in 1000 s on {axis_of(theta)}: "
-        "let it warm up, and calibrate it anew where tilt matters"
+        "let it warm up, and calibrate it again where tilt matters"
     ),
     discriminating_motion="come back to attitudes of the beginning at the end: gravity's length in them must not change",
     inputs=("time",),

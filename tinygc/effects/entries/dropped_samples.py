@@ -14,7 +14,7 @@ EFFECT = Effect(
         f"{theta[0]:.0f} samples at a time are lost without a gap in the stamps: "
         "stamp in the sensor, count the frames, empty its FIFO in time"
     ),
-    discriminating_motion="log the sensor's own time stamps beside the samples",
+    discriminating_motion="log the sensor's own time stamps with the samples",
     conditions=("time", "s"),
     occurs=Occurrence("at_s", SECONDS),
     picture=LOST_SAMPLES,

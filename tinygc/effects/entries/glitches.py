@@ -14,7 +14,7 @@ EFFECT = Effect(
         f"isolated false readings, {theta[0]:.0f} samples long each: they are bridged here; "
         "look at the bus and the cable, and check each word"
     ),
-    discriminating_motion="log the raw bus words beside the samples",
+    discriminating_motion="log the raw bus words with the samples",
     conditions=("time", "s"),
     occurs=Occurrence("at", ROWS),
     picture=FALSE_READINGS,

@@ -124,7 +124,7 @@ def trait_of(
         "scope": UNDECIDED,
         "apart": (),
         "equivalent": instead if estimates else (),
-        "of_units": tuple(claim.says for claim in by_unit.values()),
+        "of_units": tuple(claim.description for claim in by_unit.values()),
         "by_unit": [
             {"number": number, "named": number in units, "value": theta, "std": sigmas_in(covariance)}
             for number, (theta, covariance) in estimates.items()

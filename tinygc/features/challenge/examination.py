@@ -18,24 +18,26 @@ from session.base import results
 from session.base.errors import CalibrationError, DataError
 from session.base.progress import Progress, untold
 from session.base.records import Size
+from session.base.texts import significant
 from session.base.units import G
 from session.log.config import Config, Site
 from session.log.folder import Session, read_session
 from tinygc.closure.prepared import prepare
 from tinygc.effects import Movement, catalogue, movement_of
-from tinygc.explanation.decision import SAID
+from tinygc.explanation.decision import REPORTED
 from tinygc.explanation.engine import explain_session
 from tinygc.explanation.result import to_json as answer_of
 from tinygc.features.challenge.other_effects import MAKERS, bench
 from tinygc.features.challenge.rate_effects import RATE_EFFECTS, Concealment, Scene
 from tinygc.noise.thinned import conditions
+from tinygc.reporting.explanation_screen import in_unit, plain_name
 from tinygc.reporting.facts import Part, Table, screen
 from tinygc.reporting.terminal import Group
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.simulator import Simulation, plan_of, simulate_session
 from tinygc.simulation.write import config_of, write_files
 
-# What is drawn: one to three effects that a recording can tell apart, and the strength of each.
+# What is drawn: one to three effects that a recording can separate, and the strength of each.
 
 MOST = 3
 STRENGTHS = (1.0, 0.5, 0.2, 0.05)
@@ -132,7 +134,7 @@ def _host_of(folder: Path) -> Host:
     """The recording in a folder.  Raises what ``read_session`` and ``prepare`` raise, and DataError where it has a further reference."""
     session = read_session(folder)
     if session.reference is not None:
-        raise DataError(f"{folder}: a recording beside {session.reference.title}s is not supported; give one that gravity or dials judge")
+        raise DataError(f"{folder}: a recording with a {session.reference.title} is not supported; give one with gravity or dials")
     problem = prepare(session).problem
     known, first, began = conditions(problem), problem.first, problem.began_s
     moved = tuple(movement_of(log.samples, first(log.samples.gyro), known, float(s)) for log, s in zip(problem.logs, began, strict=False))
@@ -229,23 +231,23 @@ def size_of(name: str, truth: Mapping[str, Any]) -> float | None:
     return float(np.linalg.norm(numbers))
 
 
-def judged(strengths: Mapping[str, float], truth: Mapping[str, dict], said: dict, own: Iterable[str] = ()) -> Answer:
-    """Compare the truth with ``said`` (``tinygc-explain/2``); own: names that are neither right nor wrong."""
-    names = {claim["id"]: {claim["id"], *claim["equivalent"]} for claim in said["effects"]}
+def compared(strengths: Mapping[str, float], truth: Mapping[str, dict], answer: dict, own: Iterable[str] = ()) -> Answer:
+    """Compare the truth with ``answer`` (``tinygc-explain/2``); own: names that are neither right nor wrong."""
+    names = {claim["id"]: {claim["id"], *claim["equivalent"]} for claim in answer["effects"]}
     found, hidden = set().union(*names.values()), []
     for name, parameters in truth.items():
-        size, limits = size_of(name, parameters), said["detection_limits"].get(name)
+        size, limits = size_of(name, parameters), answer["detection_limits"].get(name)
         limit = None if limits is None else limits["size"]
         small = size is not None and limits is not None and (limit is None or size < limit)
         outcome = RIGHT if name in found else LIMIT if small else MISSED
         hidden.append(Hidden(name, strengths[name], parameters, size, limit, catalogue()[name].parameter.unit, outcome))
     wrong = tuple(name for name, ids in names.items() if not ids & truth.keys() and name not in own and not name.startswith(NAMELESS))
-    closure = said["fit"]["holdout_closure_rms_deg"] if "fit" in said else {"before": None, "after": None}
-    return Answer(said["verdict"], tuple(hidden), wrong, closure["before"], closure["after"])
+    closure = answer["fit"]["holdout_closure_rms_deg"] if "fit" in answer else {"before": None, "after": None}
+    return Answer(answer["verdict"], tuple(hidden), wrong, closure["before"], closure["after"])
 
 
 def explained(session: Session) -> dict:
-    """What ``explain`` says of a session; a refusal is an answer, too."""
+    """The answer of ``explain`` for a session; a refusal is an answer, too."""
     try:
         return answer_of(explain_session(session))
     except CalibrationError:
@@ -255,7 +257,7 @@ def explained(session: Session) -> dict:
 def _own_names(untouched: dict) -> set[str]:
     """Names of an untouched recording, with their equivalents, and those that it weighs as high as a name."""
     own = {name for claim in (*untouched["effects"], *untouched["findings"]) for name in (claim["id"], *claim["equivalent"])}
-    own |= {one["id"] for one in untouched["considered"] if one["probability"] >= SAID}
+    own |= {one["id"] for one in untouched["considered"] if one["probability"] >= REPORTED}
     gravity = untouched["turn_gravity"]
     return own | ({DELAY} if abs(gravity["offset_s"]) > DELAY_SIGMAS * gravity["offset_std_s"] else set())
 
@@ -276,7 +278,7 @@ def examine(count: int, seed: int, on: Path | None = None, *, progress: Progress
         strengths = drawn(pool, rng)
         with tempfile.TemporaryDirectory(prefix="tinygc-") as folder:
             session, truth = simulated(strengths, rng, Path(folder) / "session") if host is None else injected(host, strengths, rng)
-            answers.append(judged(strengths, truth, explained(session), own | {EARTH} if host else ()))
+            answers.append(compared(strengths, truth, explained(session), own | {EARTH} if host else ()))
     return Examination(seed, None if host is None else host.session.name, tuple(sorted(own)), tuple(answers))
 
 
@@ -284,28 +286,25 @@ def examine(count: int, seed: int, on: Path | None = None, *, progress: Progress
 
 
 def page(result: Examination) -> Group:
-    """The table and what it comes to."""
-    where = "simulated sessions" if result.recording is None else f"copies of {result.recording}"
-    rows: list[list[Any]] = []
-    for number, each in enumerate(result.sessions, 1):
-        named = [[one.id, _sized(one, one.size), _sized(one, one.detection_limit), one.outcome] for one in each.hidden]
-        named += [["", "", "", f"wrong: {name}"] for name in each.wrong]
-        closure = [None, each.verdict] if each.before_deg is None else [f"{each.before_deg:.3f}°", f"{each.after_deg:.3f}°"]
-        rows += [["", *row, "", ""] if place else [number, *row, *closure] for place, row in enumerate(named)]
-    header = ("", "concealed", "size", "detection limit", "answer", "closure before", "after")
-    parts: list[Part] = [Table(f"concealed in {where}, and explained blind", header, rows, left=range(7)), ""]
-    t = result.totals
+    """The screen: how many were found, then each that was not; the JSON has all."""
+    t, where = result.totals, "simulated sessions" if result.recording is None else f"copies of {result.recording}"
+    parts: list[Part] = [f"{t[RIGHT]} of {t['hidden']} effects found in {len(result.sessions)} {where}, {t['wrong']} wrong names."]
+    parts.append(f"Of the others {t[LIMIT]} are below the detection limit, {t[MISSED]} were missed.")
     closed = [(each.before_deg, each.after_deg) for each in result.sessions if each.before_deg is not None and each.after_deg is not None]
-    parts += [f"its own, neither right nor wrong: {', '.join(result.own)}"] if result.own else []
-    parts.append(
-        f"{len(result.sessions)} sessions conceal {t['hidden']} effects: {t[RIGHT]} right (named, or among the equivalents of a name), "
-        f"{t[LIMIT]} below the detection limit, {t[MISSED]} missed; {t['wrong']} wrong names"
-    )
     if closed:
         before, after = np.median(closed, axis=0)
-        parts.append(f"held-out closure, median: {before:.3f}° before, {after:.3f}° after")
-    return screen(parts)
+        parts.append(f"Held-out closure, median {before:.3f}° -> {after:.3f}°.")
+    parts += [f"In the recording itself, and not counted: {', '.join(map(plain_name, result.own))}."] if result.own else []
+    rows: list[list[Any]] = []
+    for number, each in enumerate(result.sessions, 1):
+        others = [one for one in each.hidden if one.outcome != RIGHT]
+        rows += [[number, plain_name(one.id), _sized(one, one.size), _sized(one, one.detection_limit), one.outcome] for one in others]
+        rows += [[number, plain_name(name), "", "", "wrong"] for name in each.wrong]
+    return screen([*parts, *([Table("", ("case", "not found", "size", "would show from", "answer"), rows, left=(1, 4))] if rows else [])])
 
 
 def _sized(one: Hidden, size: float | None) -> str:
-    return "–" if size is None else f"{size:.2g} {one.unit}"
+    if size is None:
+        return "–"
+    factor, unit = in_unit(size, one.unit)
+    return f"{significant(size * factor, 2)} {unit}"

@@ -153,7 +153,7 @@ def not_still(scene: Bench) -> Concealment:
 
 
 def earth_rotation(scene: Bench) -> Concealment:
-    """session.toml lacks the latitude, so the Earth's rotation is not removed."""
+    """session.toml has no latitude, so the Earth's rotation is not removed."""
     return Concealment("earth.rotation", {"latitude_deg": scene.options.latitude_deg}, without_latitude=True)
 
 

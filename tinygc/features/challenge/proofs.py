@@ -64,11 +64,11 @@ class NotChecked(Exception):
 
 @dataclass(frozen=True)
 class ProofPart:
-    """name; result: passed, failed or not checked; says: the numbers, or why."""
+    """name; result: passed, failed or not checked; text: the numbers, or why."""
 
     name: str
     result: str
-    says: str
+    text: str
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ class Report:
         return next(part for part in self.parts if part.name == name)
 
     def __str__(self) -> str:
-        return "\n".join([self.id, *(f"  {part.name:8} {part.result:11}  {part.says}" for part in self.parts)])
+        return "\n".join([self.id, *(f"  {part.name:8} {part.result:11}  {part.text}" for part in self.parts)])
 
     def require(self) -> Report:
         """Return itself; AssertionError with the whole report where a part failed: ``check(EFFECT).require()`` is a test."""
@@ -239,7 +239,7 @@ def columns(trial: EffectTrial) -> str:
     return f"within {100 * off:.2g} % of the finite differences of distort"
 
 
-def undo(trial: EffectTrial) -> str:
+def inverse(trial: EffectTrial) -> str:
     """Check that ``correct`` restores the true rate, and changes nothing without parameters."""
     effect, moved, theta = trial.effect, hand_movement(USUAL_HZ, trial.at, 10.0), trial.theta
     bent = effect.distort(moved, theta)
@@ -266,12 +266,12 @@ def recover(trial: EffectTrial) -> str:
     """Check the errors of all parameters in all sessions."""
     error, sigma, size = (np.concatenate(column) for column in zip(*map(_errors, trial.sessions), strict=True))
     rms, worst = rms_of(error / sigma), float((np.abs(error) / size).max())
-    says = f"{len(SEEDS)} sessions, {len(error)} numbers: errors {rms:.2f} sigma rms, at most {100 * worst:.2g} % of the size"
+    text = f"{len(SEEDS)} sessions, {len(error)} numbers: errors {rms:.2f} sigma rms, at most {100 * worst:.2g} % of the size"
     if (np.abs(error) > MOST_SIGMAS * np.hypot(sigma, MODEL_SHARE * size)).any():
-        raise Wrong(f"{says}: more than the stated sigmas and {100 * MODEL_SHARE:g} % allow")
+        raise Wrong(f"{text}: more than the stated sigmas and {100 * MODEL_SHARE:g} % allow")
     if rms < LEAST_RMS:
-        raise Wrong(f"{says}: the stated sigmas are too large")
-    return says + ("; hardly seen at this size: give a larger size=" if np.median(sigma / size) > HARDLY_SEEN else "")
+        raise Wrong(f"{text}: the stated sigmas are too large")
+    return text + ("; hardly seen at this size: give a larger size=" if np.median(sigma / size) > HARDLY_SEEN else "")
 
 
 def _errors(one: FittedProof) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -293,10 +293,10 @@ PER = {"g", "g²", "s", "°C", "°C²"}
 def units(trial: EffectTrial) -> str:
     """Check one sentence with a number, units of their declared size, and a round trip of names and numbers through a model file."""
     effect, parameter, scan = trial.effect, trial.effect.parameter, trial.effect.scan
-    says = effect.describe(trial.theta)
-    if "\n" in says or not re.search(r"\d", says) or "nan" in says:
-        raise Wrong(f"describe gives {says!r:.120}, expected one sentence with a number")
-    said = [_unit(parameter.unit, parameter.si), *([] if scan is None else [_unit(scan.unit, scan.si)])]
+    words = effect.describe(trial.theta)
+    if "\n" in words or not re.search(r"\d", words) or "nan" in words:
+        raise Wrong(f"describe gives {words!r:.120}, expected one sentence with a number")
+    found = [_unit(parameter.unit, parameter.si), *([] if scan is None else [_unit(scan.unit, scan.si)])]
     if effect.kind == "rate":
         text = json.dumps(models.to_dict(trial.model), allow_nan=False)
         with having(trial.original):
@@ -306,8 +306,8 @@ def units(trial: EffectTrial) -> str:
         shapes = effect.shape == claim.effect.shape == {name: entry[name] for name in effect.shape}
         if not (shapes and np.array_equal(claim.theta, trial.theta) and np.allclose(shown, trial.theta, rtol=1e-12)):
             raise Wrong(f"its model file gives {claim.theta.tolist()}, {entry} back for {trial.theta.tolist()}, {effect.shape}")
-        said.append("its model file gives the same numbers back")
-    return "; ".join(said)
+        found.append("its model file gives the same numbers back")
+    return "; ".join(found)
 
 
 def _unit(unit: str, si: float) -> str:
@@ -316,7 +316,7 @@ def _unit(unit: str, si: float) -> str:
     if first not in UNITS or not PER.issuperset(per):
         return f"unit {unit!r} is not known here and taken at its word, {si:g} SI"
     if not np.isclose(si, UNITS[first], rtol=1e-9):
-        raise Wrong(f"unit {unit!r} is {UNITS[first]:.6g} in SI, and si says {si:.6g}")
+        raise Wrong(f"unit {unit!r} is {UNITS[first]:.6g} in SI, and si is {si:.6g}")
     return f"unit {unit!r} is {si:.6g} SI"
 
 
@@ -360,7 +360,7 @@ def _same(one: np.ndarray, whole: np.ndarray, how: str) -> None:
     off = np.abs(one - whole).max(axis=1)
     if not off.max() < WITHIN:
         at = int(np.argmax(off))
-        raise Wrong(f"{how} it differs from the whole log by {off[at]:.2g} rad/s at sample {at}: does reach say all that it looks at?")
+        raise Wrong(f"{how} it differs from the whole log by {off[at]:.2g} rad/s at sample {at}: does reach cover all that it reads?")
 
 
 #: noise of the readings that its C gets, rad/s and m/s^2
@@ -396,7 +396,7 @@ def c(trial: EffectTrial) -> str:
 
 # All parts of the test of an effect, in order.
 
-PARTS = {part.__name__: part for part in (columns, undo, recover, units, picture, live, c)}
+PARTS = {part.__name__: part for part in (columns, inverse, recover, units, picture, live, c)}
 
 
 def check(effect: Effect, *, size: float | None = None, value: float | None = None, parts: Sequence[str] = tuple(PARTS)) -> Report:

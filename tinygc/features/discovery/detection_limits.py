@@ -14,7 +14,7 @@ from tinygc.inference.choose import ONE_SIDED
 from tinygc.noise.whitening import Whitener
 
 #: squared correlation with the law's rate from which a form counts as having found it: correlation 0.99
-SAID = 0.98
+COVERED = 0.98
 #: forms considered in a law's place: the best by promise, and the simplest of the same quantities
 NEAR_LAW = 300
 #: chi-square of a law at which its rivals are selected
@@ -83,17 +83,17 @@ def _least(
     whole = float(np.sum(projection.free_of(whitened) ** 2))
     near = np.argsort(-promise(RIVALS_AT * taken / whole + rank, rank, cost), kind="stable")[:NEAR_LAW]
     taken, rank, cost = taken[near], rank[near], cost[near]
-    says = taken > SAID * whole
-    if not says.any():
+    covers = taken > COVERED * whole
+    if not covers.any():
         return None
-    gain = np.maximum(np.sqrt(taken[says])[:, None] * size - ONE_SIDED, 0.0) ** 2
-    own = promise(gain + rank[says][:, None] - 1, rank[says], cost[says])
+    gain = np.maximum(np.sqrt(taken[covers])[:, None] * size - ONE_SIDED, 0.0) ** 2
+    own = promise(gain + rank[covers][:, None] - 1, rank[covers], cost[covers])
     best, columns = np.argmax(own, axis=0), np.arange(len(size))
-    lead = np.sqrt(np.maximum(taken[says][best] - taken[~says][:, None], 0.0)) * size
-    others = np.maximum(gain[best, columns] - lead**2 + 2 * ONE_SIDED * lead, 0.0) + rank[~says][:, None] - 1
-    ahead = own[best, columns] > promise(others, rank[~says], cost[~says]).max(axis=0, initial=-np.inf)
-    scatter = projection.freedom + size**2 * projection.scatters(projection.beside(whitened))
-    tested = promise(projection.studentised(gain, rank[says], scatter), rank[says], cost[says])[best, columns]
+    lead = np.sqrt(np.maximum(taken[covers][best] - taken[~covers][:, None], 0.0)) * size
+    others = np.maximum(gain[best, columns] - lead**2 + 2 * ONE_SIDED * lead, 0.0) + rank[~covers][:, None] - 1
+    ahead = own[best, columns] > promise(others, rank[~covers], cost[~covers]).max(axis=0, initial=-np.inf)
+    scatter = projection.freedom + size**2 * projection.scatters(projection.left_of(whitened))
+    tested = promise(projection.studentised(gain, rank[covers], scatter), rank[covers], cost[covers])[best, columns]
     found = ahead & (tested > max(screening.chance.level(chance), 0.0)) & (gain[best, columns] >= least)
     lost = np.flatnonzero(~found)
     first = lost[-1] + 1 if len(lost) else 0

@@ -52,11 +52,11 @@ def plain(text: str, most: int = LONGEST) -> str:
 
 def docstring(law: Law, where: Where, undoing: str = "") -> str:
     """The text between the quotes, not indented; undoing: a note on inverting the law."""
-    told = law_table(law, None)
-    parts = [("Equation", told["equation"]), ("Found in", _where(where))]
-    parts += [("Evidence", plain(words, LONGEST_EVIDENCE)) for words in (*evidence_words(told), *open_words(told))]
+    table = law_table(law, None)
+    parts = [("Equation", table["equation"]), ("Found in", _where(where))]
+    parts += [("Evidence", plain(words, LONGEST_EVIDENCE)) for words in (*evidence_words(table), *open_words(table))]
     parts += [("Undoing", undoing)] if undoing else []
-    first = f"A law found in a recording.  {told['in_words']}"
+    first = f"A law found in a recording.  {table['in_words']}"
     lines = ["\n".join(wrap(first, EVIDENCE_WIDTH)), ""]
     for name, text in parts:
         lines += wrap(f"{name:<{INDENT}}{text}", EVIDENCE_WIDTH, subsequent_indent=" " * INDENT, break_long_words=False)
@@ -71,7 +71,7 @@ def _where(where: Where) -> str:
     )
 
 
-# How many passes of substitution undo a law, by trial on the movement of a proof: declared by the written file, and run by its C.
+# How many passes of substitution invert a law, by trial on the movement of a proof: declared by the written file, and run by its C.
 
 #: rad/s, where the session's is unknown; Hz, the highest rate of a proof; s of movement
 FULL_SCALE, TRIAL_HZ, TRIAL_S = 500 * DEG, 833.0, 8.0
@@ -85,7 +85,7 @@ LEFT_IN_C = 2e-6
 
 
 def passes_of(form: LawForm, theta: np.ndarray, full_scale: float = FULL_SCALE, in_c: bool = False) -> int | None:
-    """Passes over all rows that undo a law, theta (P,) SI, or in single precision up to full scale, each row on its own; None where
+    """Passes over all rows that invert a law, theta (P,) SI, or in single precision up to full scale, each row on its own; None where
     ``MOST_PASSES`` are not enough."""
     rng, rms = np.random.default_rng(0), rms_of(theta)
     moved = hand_movement(TRIAL_HZ, ReferenceConditions(full_scale), TRIAL_S)
@@ -115,8 +115,8 @@ KNOWN, WEIGHTS = 6, 4
 WIDTH = 100
 #: docstring text of a law that ``correct`` does not remove
 TOO_STRONG = (
-    f"it is so strong, beside how fast it follows, that {MOST_PASSES} passes of substitution do not take it off: the proof of an effect "
-    "(undo) says how much a calibration leaves; write an exact_correct if that is too much"
+    f"it is so strong for how fast it follows that {MOST_PASSES} passes of substitution do not take it off: the proof of an effect "
+    "(inverse) states how much a calibration leaves; write an exact_correct if that is too much"
 )
 
 

@@ -19,7 +19,7 @@ from tinygc.features.discovery.constants import ByAxis
 from tinygc.features.discovery.detection_limits import learnable, learnable_from
 from tinygc.features.discovery.enumeration import enumerated
 from tinygc.features.discovery.form import LawForm
-from tinygc.features.discovery.law_effect import added, as_effect, beside_calibration, correlation
+from tinygc.features.discovery.law_effect import added, as_effect, correlation, left_by_calibration
 from tinygc.features.discovery.quantities import largest_of
 from tinygc.features.discovery.search_state import (
     ALL_OF_IT,
@@ -71,16 +71,16 @@ def answer(explanation: Explanation, searched: SearchState, progress: Told) -> D
         "forms": len(searched.forms),
         "distinct": first.distinct,
         "chance_promise": first.chance.level(0.05),
-        "best_promise": first.best_beside_last,
+        "best_promise": first.best_after_last,
     }
     share = taken(searched)
     if not searched.laws or share < MOST_OF_IT:
         progress("what could have been found")
-        names = _beside(searched.catalogue)
-        beside = f", beside {', '.join(name['id'] for name in names)}" if names else ""
-        none = f"refitted exactly{beside}, no form makes the recording as much more probable as its description costs"
-        said = " and ".join(equation(searched.evidence.forms[law.id]) for law in searched.laws)
-        little = f"{said} takes away {100 * share:.0f} % of what is left out, and the rest is no noise" if said else ""
+        names = _catalogue_effects(searched.catalogue)
+        together = f", with {', '.join(name['id'] for name in names)}" if names else ""
+        none = f"refitted exactly{together}, no form makes the recording as much more probable as its description costs"
+        laws_text = " and ".join(equation(searched.evidence.forms[law.id]) for law in searched.laws)
+        little = f"{laws_text} takes away {100 * share:.0f} % of what is left out, and the rest is no noise" if laws_text else ""
         why = little or searched.why or none
         # The share of chi-square that belongs to the screened turns.
         screened = len(first.responses.segments) / len(explanation.twin.segments)
@@ -94,7 +94,7 @@ def answer(explanation: Explanation, searched: SearchState, progress: Told) -> D
     for number, law in enumerate(effects):
         have, effects[number] = exact(evidence, have, law)
     # The selected hypothesis refitted on the whole recording: constants common to all axes
-    names, laws = _beside(have, frozenset(evidence.forms)), list[Law]()
+    names, laws = _catalogue_effects(have, frozenset(evidence.forms)), list[Law]()
     for law, effect in zip(searched.laws, effects, strict=True):
         laws.append(_law(searched, law, evidence, have, effect, [each.effect.id for each in laws]))
     why = _undecided(laws, share) or ("the search has come to the end of its work" if searched.evidence.exhausted else "")
@@ -108,11 +108,11 @@ def _undecided(laws: Sequence[Law], share: float) -> str:
     faint = min(laws, key=lambda law: law.gain)
     if faint.gain < DECISIVE:
         return (
-            f"too little is seen of it to tell it from an equation that nobody has thought of: chi-square {faint.gain:.0f}, "
-            f"and {DECISIVE:.0f} would tell it from all that add less than {100 * EQUAL:.0f} % the same rate"
+            f"too little is seen of it to separate it from an equation not tried: chi-square {faint.gain:.0f}, "
+            f"and {DECISIVE:.0f} would separate it from all that add less than {100 * EQUAL:.0f} % the same rate"
         )
     if share < ALL_OF_IT:
-        rest = "the rest is no noise: a near relative of it is left out, or something else beside it"
+        rest = "the rest is no noise: a near relative of it is left out, or something else is there too"
         return f"{100 * share:.1f} % of the excess goes with it, and {rest}"
     return ""
 
@@ -160,7 +160,7 @@ def _near(searched: SearchState, law: Effect) -> list[Rival]:
 
 
 def _plainest(searched: SearchState, law: Effect) -> SearchState:
-    """The search with the plainest of the forms that cannot be told apart in a law's place: that of the fewest constants, then numbers.
+    """The search with the plainest of the forms that cannot be separated in a law's place: that of the fewest constants, then numbers.
 
     One that gravity during the turns prefers comes first.
     """
@@ -182,7 +182,7 @@ def _plainest(searched: SearchState, law: Effect) -> SearchState:
 
 def _near_on_all(form: LawForm, near: Sequence[Rival], evidence: FormEvidence, have: Hypothesis, law: Effect) -> list[Rival]:
     """The law's rivals that stay near, with another rate, on the whole recording: a law is tested on what the search never saw, and then
-    all of it tells the law from its rivals."""
+    all of it separates the law from its rivals."""
     own, found = whole_added(evidence.twin, have), []
     for rival in near:
         if evidence.exhausted:
@@ -202,7 +202,7 @@ def _near_on_all(form: LawForm, near: Sequence[Rival], evidence: FormEvidence, h
     return sorted(found, key=lambda rival: rival.nearest)
 
 
-def _beside(have: Hypothesis, laws: frozenset[str] = frozenset()) -> tuple[dict, ...]:
+def _catalogue_effects(have: Hypothesis, laws: frozenset[str] = frozenset()) -> tuple[dict, ...]:
     """The catalogue's effects of a hypothesis."""
     claims = [(number, claim) for number, claim in enumerate(have.fit.state.claims) if claim.effect.id not in laws]
     read = [(claim.effect.id, *readable(claim, have.fit.theta_covariance(number))[1:]) for number, claim in claims]
@@ -227,9 +227,9 @@ def _law(searched: SearchState, law: Effect, evidence: FormEvidence, have: Hypot
     gain = float(theta @ np.linalg.solve(held[part, part], theta))
     unobserved = not_observed(theta, covariance)
     known = None if constants is None else (constants.covariance, constants.along[part])
-    beside = observed(unobserved) if len(unobserved) else np.eye(len(theta))
-    lacking = share_lacking(form, theta, held[part, part], known, beside, evidence.twin.movements, len(ids))
-    theta, covariance = beside @ theta, beside @ covariance @ beside.T
+    projection = observed(unobserved) if len(unobserved) else np.eye(len(theta))
+    lacking = share_lacking(form, theta, held[part, part], known, projection, evidence.twin.movements, len(ids))
+    theta, covariance = projection @ theta, projection @ covariance @ projection.T
     shown, without = learnable_from(screening, form, theta, CHANCE, best.whiten), searched.without(law)
     others = _near_on_all(form, [rival for rival in near if rival.correlation <= EQUAL], evidence, have, own)
     against = differing(searched, law), open_threshold(searched, law, NEARLY), seen.gravity_prefers(without, best)
@@ -250,14 +250,14 @@ def _law(searched: SearchState, law: Effect, evidence: FormEvidence, have: Hypot
         searched.chance_p(law),
         searched.held_out_of(law),
         tuple(same.values()),
-        tuple(replace(rival, hypothesis=None, effect=_said(rival)) for rival in others[:MOST_RUNNERS_UP]),
+        tuple(replace(rival, hypothesis=None, effect=_with_equation(rival)) for rival in others[:MOST_RUNNERS_UP]),
         None if shown is None or gain <= 0 else max(shown, float((np.sqrt(DECISIVE) + ONE_SIDED) / np.sqrt(gain))),
         unobserved,
         _doubt(form, len(others), *against, lacking),
     )
 
 
-def _said(rival: Rival) -> Effect:
+def _with_equation(rival: Rival) -> Effect:
     """A rival's effect, with its equation."""
     return rival.effect if rival.form is None else replace(rival.effect, equation=equation(rival.form))
 
@@ -265,7 +265,7 @@ def _said(rival: Rival) -> Effect:
 # A law's gauge, from its own null space.
 #
 # Closure against gravity does not see every rate: ``ω_i += c |u| f_i``, the same c for all axes, turns the body about the vertical alone.
-# The covariance of the coefficients, with the calibration free, says which of their combinations a recording leaves open.  Such a
+# The covariance of the coefficients, with the calibration free, shows which of their combinations a recording leaves open.  Such a
 # combination is set to zero, the least value, and neither stated nor applied.  In the eigenvectors of the covariance the estimates are
 # independent, so what is observed stays the best fit.
 
@@ -293,7 +293,7 @@ def not_observed(theta: np.ndarray, covariance: np.ndarray) -> np.ndarray:
 
 
 def observed(directions: np.ndarray) -> np.ndarray:
-    """Projection (P, P) onto what is observed beside these directions (q, P)."""
+    """Projection (P, P) onto what is observed, without these directions (q, P)."""
     return np.eye(directions.shape[1]) - directions.T @ directions
 
 
@@ -317,7 +317,7 @@ def share_lacking(
     movements: Sequence[Movement],
     seed: int = 0,
 ) -> float:
-    """Share of draws whose rate lacks more than ``LACKING`` of the stated one's variance.
+    """Share of draws whose rate misses more than ``LACKING`` of the stated one's variance.
 
     theta (P,) with covariance (P, P) at fixed constants; constants: the covariance (K, K) of their logarithms, and along (P, K): by how
     much theta falls with each; observed (P, P): the projection onto the observed part of theta.
@@ -330,18 +330,18 @@ def share_lacking(
         spread, along = constants
         logs = rng.multivariate_normal(np.zeros(len(spread)), spread, DRAWS, method="eigh")
         drawn = drawn - logs @ along.T
-    stated = beside_calibration(added(as_effect(form), observed @ theta, movements), movements)
-    size, lacks = float(np.sum(stated**2)), []
-    columns = [beside_calibration(added(as_effect(form), one, movements), movements).ravel() for one in observed] if not logs.size else []
+    stated = left_by_calibration(added(as_effect(form), observed @ theta, movements), movements)
+    size, missing = float(np.sum(stated**2)), []
+    columns = [left_by_calibration(added(as_effect(form), one, movements), movements).ravel() for one in observed] if not logs.size else []
     normal = np.array(columns) @ np.array(columns).T if columns else np.zeros((0, 0))
     for one, log in zip(drawn, logs, strict=True):
         if columns:
-            lacks.append(float((one - theta) @ normal @ (one - theta)))
+            missing.append(float((one - theta) @ normal @ (one - theta)))
             continue
         other = form.with_constants(np.array(form.constants) * np.exp(log))
-        rate = beside_calibration(added(as_effect(other), observed @ one, movements), movements)
-        lacks.append(float(np.sum((rate - stated) ** 2)))
-    return float(np.mean(np.array(lacks) > LACKING * size))
+        rate = left_by_calibration(added(as_effect(other), observed @ one, movements), movements)
+        missing.append(float(np.sum((rate - stated) ** 2)))
+    return float(np.mean(np.array(missing) > LACKING * size))
 
 
 # The search for an equation, from an explanation to an answer.
@@ -378,7 +378,7 @@ def discover(
     """
     whole = explanation.twin
     if len(whole.segments) < 3 * FEWEST:
-        few = f"a third of {len(whole.segments)} turns is too few to judge an equation by: record {3 * FEWEST} or more"
+        few = f"a third of {len(whole.segments)} turns is too few for an equation: record {3 * FEWEST} or more"
         return Discovery("none", few, (), (), forms=0, distinct=0, chance_promise=0.0, best_promise=0.0)
     split = parted(whole.problem, seed)
     twin = Twin(split.seen)

@@ -47,7 +47,7 @@ def before(args: Any) -> None:
 
 
 def search(explanation: Explanation, further: Sequence[Any], *, seed: int, progress: Progress) -> Discovery | None:
-    """Search for the missing equation, where that is asked for."""
+    """Search for the missing equation, on request."""
     if not record_in(further, SearchOptions).discover:
         return None
     from tinygc.features.discovery.engine import discover

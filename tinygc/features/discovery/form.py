@@ -87,8 +87,8 @@ class Factor:
         if needed is None and self.constant is not None:
             raise ValueError(f"{self.function} of {self.quantity} takes no constant, got {self.constant}")
         if needed is not None and (self.constant is None or not 0 < self.constant < np.inf):
-            asked = "a positive number" if unit == "1" else f"a positive number of {unit}"
-            raise ValueError(f"{self.function} of {self.quantity} has no proper unit without its {needed}, {asked}; got {self.constant}")
+            expected = "a positive number" if unit == "1" else f"a positive number of {unit}"
+            raise ValueError(f"{self.function} of {self.quantity} has no proper unit without its {needed}, {expected}; got {self.constant}")
         if self.lag_s is not None and not (isfinite(self.lag_s) and self.lag_s > 0):
             raise ValueError(f"a lag of {self.quantity} is a positive number of seconds, got {self.lag_s}")
 

@@ -68,7 +68,7 @@ def added(effect: Effect, theta: np.ndarray, movements: Sequence[Movement]) -> n
     return np.concatenate([effect.columns(effect.shown(movement)) @ theta for movement in movements])
 
 
-def beside_calibration(rate: np.ndarray, movements: Sequence[Movement]) -> np.ndarray:
+def left_by_calibration(rate: np.ndarray, movements: Sequence[Movement]) -> np.ndarray:
     """The part of an added rate (N, 3) that no E m + B gives: each axis less its regression on one and the three rates."""
     measured = np.concatenate([movement.rate for movement in movements])
     q, _ = np.linalg.qr(np.column_stack([np.ones(len(measured)), measured]))
@@ -83,14 +83,14 @@ def correlation(first: np.ndarray, second: np.ndarray) -> float:
 
 def as_effect(form: LawForm, name: str = "discovered.law", rms: float = 1.0, equation: str = "") -> Effect:
     """The form as an effect; rms: of its products in the recording, which sets its plausible size."""
-    unit, said = form.coefficient_unit, equation or equation_of(form)
+    unit, text = form.coefficient_unit, equation or equation_of(form)
     return Effect(
         id=name,
-        equation=said,
+        equation=text,
         parameter=Parameter("coefficients", (form.size,), unit, DEG, plausible=PLAUSIBLE_RPS / max(rms, 1e-12)),
         observable_in=("still", "turn"),
         columns=lambda movement: columns_of(form, movement),
-        describe=lambda theta: f"follows {said} (up to {np.abs(theta).max() / DEG:.3g} {unit})",
+        describe=lambda theta: f"follows {text} (up to {np.abs(theta).max() / DEG:.3g} {unit})",
         discriminating_motion=splits(form),
         conditions=regime(form),
         inputs=form.inputs,
@@ -100,7 +100,7 @@ def as_effect(form: LawForm, name: str = "discovered.law", rms: float = 1.0, equ
     )
 
 
-# The C of a law that a device can undo, with the NumPy that does the same in single precision; or the reason why there is none.
+# The C of a law that a device can invert, with the NumPy that does the same in single precision; or the reason why there is none.
 #
 # A device knows the rate and the temperature of the sample.  Only sums, products and comparisons give the same bits in single precision on
 # every processor, so a law of other functions has no C.
@@ -113,7 +113,7 @@ WHY_NOT = {
     "turned": "it follows the angle turned since its session began",
     **dict.fromkeys(("rest", "sense"), "it follows its session from the beginning"),
     "force": "it follows a mean of the force, to which samples belong that are yet to come",
-    "temperature_rate": "it follows the last ten seconds of the temperature, and C is not told the data rate",
+    "temperature_rate": "it follows the last ten seconds of the temperature, and C does not know the data rate",
     "rate_size": "it asks for a square root, which C has no code for here",
 }
 #: NumPy's functions that C has
@@ -134,16 +134,16 @@ SHARE_COST = Cost(10, 3, 2)
 
 
 def why_not(form: LawForm) -> str:
-    """Why a device cannot undo it, or empty."""
+    """Why a device cannot invert it, or empty."""
     for factor in form.factors:
         if factor.quantity in WHY_NOT:
             return WHY_NOT[factor.quantity]
     if any(factor.lag_s is not None for factor in form.factors):
-        return "it remembers by a lag, and C is not told the data rate"
+        return "it remembers by a lag, and C does not know the data rate"
     if any(factor.through.memory for factor in form.factors):
         return "it follows its session from the beginning"
     if jumps(form):
-        return "where it jumps a reading may belong to two rates, which takes the samples before to tell"
+        return "where it jumps a reading may belong to two rates, which only the samples before decide"
     try:
         [factor.through.on(InC("x"), InC("c"), IN_C) for factor in form.factors]
     except (AttributeError, TypeError):
@@ -152,12 +152,12 @@ def why_not(form: LawForm) -> str:
 
 
 def device_of(form: LawForm, name: str, passes: int | None, fs_rps: float | None = None, first_temp_c: float | None = None) -> StageC | NoC:
-    """The stage that undoes a law; name: of the law; passes: of rate <- measured - added(rate) that do so, None where none do; fs_rps,
+    """The stage that inverts a law; name: of the law; passes: of rate <- measured - added(rate) that do so, None where none do; fs_rps,
     first_temp_c: those that it refers to, None: those of the session."""
     if why := why_not(form):
         return NoC(why)
     if passes is None:
-        return NoC(f"it is so strong that {MOST_PASSES} passes do not undo it")
+        return NoC(f"it is so strong that {MOST_PASSES} passes do not invert it")
     # The prefix of the constants in C is unique among the stages of a program.
     prefix, count, each = f"LAW_{name.upper()}", len(form.factors), form.size // 3
     of_rate, warm = ({factor.quantity for factor in form.factors} & {name} for name in ("rate", "temperature"))
@@ -229,8 +229,8 @@ def law_effect(
 
     theta (P,) and covariance (P, P) SI: what a session gave, with which another of the unit must agree; sigmas: of the form's constants, in
     their own units; full_scale_dps, first_temp_c: what the law calls FS and T0, in every session, those of each session where None;
-    passes: of substitution that undo it, passes_in_c: in C, None where none do; not_observed (q, P): combinations of the coefficients that
-    the session did not observe, and that the law is without.
+    passes: of substitution that invert it, passes_in_c: in C, None where none do; not_observed (q, P): combinations of the coefficients
+    that the session did not observe, and that the law is without.
     """
     fs_rps = None if full_scale_dps is None else full_scale_dps * DEG
     known: dict[str, Any] = {key: value for key, value in {"fs_rps": fs_rps, "first_temp_c": first_temp_c}.items() if value is not None}

@@ -50,19 +50,19 @@ class Pair:
 def pairs_of(e: Explanation, discovery: Discovery) -> list[Pair]:
     """Refit each law and its runner-up exactly, with the noise re-estimated for each."""
     known = {claim.effect.id: claim.effect for claim in e.naming.fit.state.claims}
-    names = [known.get(each["id"], catalogue()[each["id"]]) for each in discovery.beside if each["id"] in catalogue()]
+    names = [known.get(each["id"], catalogue()[each["id"]]) for each in discovery.accompanying if each["id"] in catalogue()]
     names = [effect for effect in names if effect.kind not in ("register", "motion")]
     evidence, found = Evidence(e.twin), []
     for law in discovery.laws:
-        beside = [*names, *(each.effect for each in discovery.laws if each is not law)]
+        others = [*names, *(each.effect for each in discovery.laws if each is not law)]
         rival = next((each for each in law.runners_up[:1] if each.effect.kind == "rate"), None)
-        other = None if rival is None else _fitted(evidence, beside, rival.effect)
-        found.append(Pair(law, _fitted(evidence, beside, law.effect), other))
+        other = None if rival is None else _fitted(evidence, others, rival.effect)
+        found.append(Pair(law, _fitted(evidence, others, law.effect), other))
     return found
 
 
-def _fitted(evidence: Evidence, beside: list[Effect], effect: Effect) -> Fitted:
-    hypothesis = evidence.of((*(each for each in beside if each.id != effect.id), effect), evidence.nothing)
+def _fitted(evidence: Evidence, others: list[Effect], effect: Effect) -> Fitted:
+    hypothesis = evidence.of((*(each for each in others if each.id != effect.id), effect), evidence.nothing)
     fit, twin = hypothesis.fit, evidence.twin
     replay = Replay(twin, fit)
     found = replay.columns(effect)
@@ -79,7 +79,7 @@ def _fitted(evidence: Evidence, beside: list[Effect], effect: Effect) -> Fitted:
 # separates the two predictions by the most sigmas.
 
 #: sigmas at which two laws are distinguished, over all turns
-TOLD_APART = 5.0
+SEPARATED = 5.0
 #: most turns worth recommending: where more are needed, the condition that the grammar names is the better advice
 MOST_TURNS = 25
 
@@ -93,7 +93,7 @@ def next_of(e: Explanation, discovery: Discovery, pairs: list[Pair]) -> str | No
     """What to record next; None where nothing is undecided.  pairs: of the laws, where one is open."""
     for law in discovery.laws:
         if is_open(law):
-            between = f"to tell {briefly(equation(law.form))} from {briefly(law.runners_up[0].effect.equation)}: "
+            between = f"to separate {briefly(equation(law.form))} from {briefly(law.runners_up[0].effect.equation)}: "
             return between + _splitting(next(pair for pair in pairs if pair.law is law))
     if discovery.verdict == "found":
         holds = "a law holds whose numbers agree there with the file's"
@@ -103,7 +103,7 @@ def next_of(e: Explanation, discovery: Discovery, pairs: list[Pair]) -> str | No
         more = ceil(DECISIVE / faint.gain + 0.5)
         return f"record {more} times as many turns, or turns in which it is larger: {splits(faint.form)}"
     if faint is not None:
-        return "record a second session with other movement, and explain it with the effect file: what is left there says more"
+        return "record a second session with other movement, and explain it with the effect file: what is left there shows more"
     return what_next(e)
 
 
@@ -113,7 +113,7 @@ def _splitting(pair: Pair) -> str:
     if best is None:
         return words
     trial, sigmas = best
-    turns = ceil((TOLD_APART / sigmas) ** 2) if sigmas > 0 else MOST_TURNS + 1
+    turns = ceil((SEPARATED / sigmas) ** 2) if sigmas > 0 else MOST_TURNS + 1
     if turns > MOST_TURNS:
         return words
     often = "once is enough" if turns == 1 else f"{turns} times are enough"

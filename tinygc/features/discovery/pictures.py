@@ -1,4 +1,4 @@
-"""The picture of a law: what each still and each turn misses, over what the law says of it, with the law and with its runner-up."""
+"""The picture of a law: what each still and each turn misses, over what the law predicts, with the law and with its runner-up."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ CHANNELS = {"closure": ("°", DEG, "closure of each turn"), "still": ("mdps", MD
 
 @dataclass(frozen=True, eq=False)
 class Points:
-    """A law's terms of one axis in n stills or turns: says (n,), what they make of each, of a turn along the direction in which they move
-    its closure; left, other_left (n,): the residual with the law, and with the runner-up in its place, None where there is none; sigma
+    """A law's terms of one axis in n stills or turns: predicted (n,), what they make of each, of a turn along the direction in which they
+    move its closure; left, other_left (n,): the residual with the law, and with the runner-up in its place, None where there is none; sigma
     (n,) of noise.  rad/s in stills, rad in turns."""
 
     axis: int
-    says: np.ndarray
+    predicted: np.ndarray
     left: np.ndarray
     other_left: np.ndarray | None
     sigma: np.ndarray
@@ -40,21 +40,21 @@ class Points:
     @property
     def without(self) -> np.ndarray:
         """The residual (n,) without the law."""
-        return self.says + self.left
+        return self.predicted + self.left
 
 
 def points_of(e: Explanation, pair: Pair, axis: int, channel: str) -> Points:
     """One axis of a law in the stills or in the turns."""
     law, fits, entries = pair.own, [pair.own, *([] if pair.other is None else [pair.other])], _entries(pair.law.form, axis)
     if channel == "still":
-        says = law.adds.still[:, axis][:, entries] @ law.theta[entries]
+        predicted = law.adds.still[:, axis][:, entries] @ law.theta[entries]
         sigma, angles = law.whiten.sigma[law.whiten.parts["still"]].reshape(-1, 3)[:, axis], [fit.left.still[:, axis] for fit in fits]
     else:
         moved = law.adds.closure[:, :, entries] @ law.theta[entries]
-        says, angles, sigma = ahead_of(moved, [fit.left.closure for fit in fits], e.twin.problem.floor.sigma)
-    keep = (says != 0) | (channel == "still")
+        predicted, angles, sigma = ahead_of(moved, [fit.left.closure for fit in fits], e.twin.problem.floor.sigma)
+    keep = (predicted != 0) | (channel == "still")
     left, *others = (each[keep] for each in angles)
-    return Points(axis, says[keep], left, others[0] if others else None, sigma[keep])
+    return Points(axis, predicted[keep], left, others[0] if others else None, sigma[keep])
 
 
 def _entries(form: LawForm, axis: int) -> list[int]:
@@ -64,18 +64,18 @@ def _entries(form: LawForm, axis: int) -> list[int]:
 def draw(law: Law, points: list[Points], channel: str) -> tuple[Panel, Panel]:
     """Draw one row of the page: on the line of slope one if the law is the cause, level once it is taken off."""
     unit, si, what = CHANNELS[channel]
-    label = Axis(f"what the law says ({unit})")
+    label = Axis(f"what the law predicts ({unit})")
     left = Panel(label, Axis(f"{what} without the law ({unit})"), f"Without the law: {what}").zero()
     right = Panel(label, Axis(f"{what} that is left ({unit})"), _what_is_left(points)).zero()
     for each in points:
-        kind, says, sigma = "xyz"[each.axis], each.says / si, each.sigma / si
-        left.points(says, each.without / si, kind, sigma=sigma, name=kind + _number(law, each.axis))
-        right.points(says, each.left / si, kind, sigma=sigma, name=f"{kind}, with the law")
+        kind, predicted, sigma = "xyz"[each.axis], each.predicted / si, each.sigma / si
+        left.points(predicted, each.without / si, kind, sigma=sigma, name=kind + _number(law, each.axis))
+        right.points(predicted, each.left / si, kind, sigma=sigma, name=f"{kind}, with the law")
         if each.other_left is not None:
-            left.points(says, (each.without - each.other_left) / si, kind, ring=True, name="what the runner-up says")
-            right.points(says, each.other_left / si, kind, ring=True, name="with the runner-up")
+            left.points(predicted, (each.without - each.other_left) / si, kind, ring=True, name="what the runner-up predicts")
+            right.points(predicted, each.other_left / si, kind, ring=True, name="with the runner-up")
     ends = left.ends()[0]
-    return left.line(ends, ends, "ink", name="what the law says, slope 1", is_measure=False), right
+    return left.line(ends, ends, "ink", name="what the law predicts, slope 1", is_measure=False), right
 
 
 def _number(law: Law, axis: int) -> str:
@@ -105,15 +105,15 @@ def picture_of(e: Explanation, discovery: Discovery, pairs: list[Pair]) -> Pictu
 
 
 def _words(law: Law) -> str:
-    beside = f"      runner-up:  {briefly(law.runners_up[0].effect.equation)}" if law.runners_up else ""
-    return f"{law.effect.id}:  {equation(law.form)}{beside}"
+    rival = f"      runner-up:  {briefly(law.runners_up[0].effect.equation)}" if law.runners_up else ""
+    return f"{law.effect.id}:  {equation(law.form)}{rival}"
 
 
 def _rows(e: Explanation, pair: Pair) -> Iterator[Panel]:
     """Both panels of each channel with evidence for the law, by the chi-square of its prediction."""
-    said = pair.own.whiten.by_channel(pair.own.whiten(pair.own.adds.stacked() @ pair.own.theta))
-    power = {name: float(np.sum(said[part] ** 2)) for name, part in pair.own.whiten.parts.items()}
+    whitened = pair.own.whiten.by_channel(pair.own.whiten(pair.own.adds.stacked() @ pair.own.theta))
+    power = {name: float(np.sum(whitened[part] ** 2)) for name, part in pair.own.whiten.parts.items()}
     for channel in CHANNELS:
         points = [points_of(e, pair, axis, channel) for axis in range(3) if _entries(pair.law.form, axis)]
-        if power[channel] >= SHARE * sum(power.values()) and (seen := [each for each in points if len(each.says)]):
+        if power[channel] >= SHARE * sum(power.values()) and (seen := [each for each in points if len(each.predicted)]):
             yield from draw(pair.law, seen, channel)

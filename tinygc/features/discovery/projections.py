@@ -46,8 +46,8 @@ class Projection:
         n, p = self.q.shape
         self.free = n - p
         self._reflections = _reflections(self.q)
-        beside = np.concatenate([unit_columns(J), unit_columns(allowances)], axis=1)
-        self._wide, self._scale_rows = orthonormal(beside, UNSEEN), known[rows]
+        known_columns = np.concatenate([unit_columns(J), unit_columns(allowances)], axis=1)
+        self._wide, self._scale_rows = orthonormal(known_columns, UNSEEN), known[rows]
         #: directions that determine the noise's scale
         self.freedom = float(self._scale_rows.sum() - np.sum(self._wide[self._scale_rows] ** 2))
         #: (free,) of the recording, and its scatter
@@ -89,7 +89,7 @@ class Projection:
         room = int(dormqr("L", "T", factored, tau, columns, -1)[1][0])
         return dormqr("L", "T", factored, tau, columns, room)[0].reshape(whitened.shape)
 
-    def beside(self, whitened: np.ndarray) -> np.ndarray:
+    def left_of(self, whitened: np.ndarray) -> np.ndarray:
         """Whitened channels (n, …) without their part along the nuisance."""
         return whitened - self.q @ (self.q.T @ whitened)
 

@@ -54,7 +54,7 @@ def save_laws(laws: Sequence[Law], where: Where, folder: Path) -> tuple[list[Pat
     named = folder.resolve() in [each.resolve() for each in loaded_folders()]
     earlier = [] if named else own
     files: list[Path] = []
-    says = [f"{printable(str(path))} was named with --effects, and is kept" for path in own if named]
+    notes = [f"{printable(str(path))} was named with --effects, and is kept" for path in own if named]
     if laws:
         with result_folder(folder):
             for law in laws:
@@ -66,16 +66,16 @@ def save_laws(laws: Sequence[Law], where: Where, folder: Path) -> tuple[list[Pat
                 if name != first and folder / f"discovered_{first}.py" not in files:
                     kept = printable(f"{folder / f'discovered_{first}.py'}")
                     now = f"the law that was found now is in {files[-1].name}; move one of the two away before --effects"
-                    says.append(f"{kept} is not as it was written, and is kept; {now}")
+                    notes.append(f"{kept} is not as it was written, and is kept; {now}")
     for path in earlier:
         if path not in files:
             with naming(path):
                 path.unlink()
-            says.append(f"{printable(str(path))} of an earlier run is taken away: its law was not found again")
+            notes.append(f"{printable(str(path))} of an earlier run is taken away: its law was not found again")
     if not laws:
         with contextlib.suppress(OSError):
             folder.rmdir()
-    return files, says
+    return files, notes
 
 
 def _free(folder: Path, name: str, earlier: list[Path], taken: list[Path]) -> str:
@@ -158,8 +158,8 @@ class DiscoveryReport(Why):
         logs = {file_key(log.path): hash_of_log(log) for log in session.logs}
         movement = self.explanation.twin.movements[0]
         where = Where(session.name, logs, VERSION, movement.fs_rps / DEG, movement.first_temp_c)
-        files, says = save_laws(self.beyond.laws, where, folder / FOLDER)
-        self._files, self.notes = [f"{FOLDER}/{path.name}" for path in files], tuple(says)
+        files, notes = save_laws(self.beyond.laws, where, folder / FOLDER)
+        self._files, self.notes = [f"{FOLDER}/{path.name}" for path in files], tuple(notes)
         self.__dict__.pop("table", None)  # it names the effect files
         super().save(folder, pictures)
         if pictures and self.beyond.laws:

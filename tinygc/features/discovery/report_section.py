@@ -118,10 +118,10 @@ def section(evidence: ReportData) -> Section | None:
     parts = html(discovery_facts(found.table, found.following))
     if found.picture is not None:
         data = b64encode(found.picture).decode()
-        says = "Left: what is missed without the law, with the law through it. Right: what it leaves."
+        caption = "Left: what is missed without the law, with the law through it. Right: what it leaves."
         parts += (
             f'<figure><img src="data:image/svg+xml;base64,{data}" alt="The remainder against the law, and what the law leaves">'
-            f"<figcaption>{says}</figcaption></figure>"
+            f"<figcaption>{caption}</figcaption></figure>"
         )
     if found.table["laws"]:
         use = f"calibrate.py explain OTHER --effects {shell_word(found.folder / 'effects')}"

@@ -40,7 +40,7 @@ def to_json(discovery: Discovery, files: Sequence[str | None]) -> dict:
         "verdict": discovery.verdict,
         "why": discovery.why,
         "laws": [law_table(law, file) for law, file in zip(discovery.laws, files, strict=True)],
-        "catalogue_effects": list(discovery.beside),
+        "catalogue_effects": list(discovery.accompanying),
         "forms": discovery.forms,
         "distinct": discovery.distinct,
         "chance": discovery.chance_promise,
@@ -129,7 +129,7 @@ def discovery_facts(table: dict, following: str | None) -> list[Part]:
         facts += ["", *([f"in these equations: {short}"] if (short := abbreviated(table)) else [])]
         which = "it" if len(table["laws"]) == 1 else "them"
         named = [(each["id"], *parameter_lines(each["parameters"], each["std"])) for each in table["catalogue_effects"]]
-        facts += [f"beside {which}: {'  '.join(each)}" for each in named]
+        facts += [f"together with {which}: {'  '.join(each)}" for each in named]
     elif table["forms"]:
         # Effects of an answer without a law come from part of the recording, untested: the explanation above lists its own.
         facts.append(
@@ -205,9 +205,9 @@ def _heads(rows: list, terms: list[str]) -> list[list[str]]:
 
 def abbreviated(table: dict) -> str:
     """Definitions of the page's abbreviations that its equations do not define themselves."""
-    said = [law["equation"] for law in table["laws"]]
+    texts = [law["equation"] for law in table["laws"]]
     others = [text for law in table["laws"] for text in (*law["same_here"][:MOST_SAME], *(each["equation"] for each in law["runners_up"]))]
-    return "; ".join(meaning for meaning in abbreviations(" ".join([*said, *others])) if not any(meaning in text for text in said))
+    return "; ".join(meaning for meaning in abbreviations(" ".join([*texts, *others])) if not any(meaning in text for text in texts))
 
 
 def held_out_words(each: dict) -> str:
@@ -238,8 +238,8 @@ def _learnable(learnable: dict) -> str:
     known = [(_quantity(name), each["size_dps"]) for name, each in learnable.items() if each["size_dps"] is not None]
     blind = [_quantity(name) for name, each in learnable.items() if each["size_dps"] is None]
     known.sort(key=lambda pair: pair[1])
-    said = ", ".join(f"{name} from {size:.2g}" for name, size in known[:MOST_LEARNABLE])
-    lines = [f"a law of one quantity alone would be found in 19 of 20 such recordings from so many dps rms on: {said}"] if known else []
+    texts = ", ".join(f"{name} from {size:.2g}" for name, size in known[:MOST_LEARNABLE])
+    lines = [f"a law of one quantity alone would be found in 19 of 20 such recordings from so many dps rms on: {texts}"] if known else []
     return "; ".join(lines + ([f"not detectable here: {', '.join(blind)}"] if blind else []))
 
 

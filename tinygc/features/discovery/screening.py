@@ -11,7 +11,7 @@ import numpy as np
 from session.base.numeric import rms_of, running_sum
 from session.base.progress import Progress, untold
 from tinygc.features.discovery.form import LawForm
-from tinygc.features.discovery.law_effect import added, as_effect, beside_calibration
+from tinygc.features.discovery.law_effect import added, as_effect, left_by_calibration
 from tinygc.features.discovery.projections import FAINT, Projection, basis_of, equivalent_forms, leaders, price_of, promise, seen_directions
 from tinygc.features.discovery.responses import ColumnPlan, ResponseBlock, Responses, planned
 from tinygc.noise.refit import Refit, Replay
@@ -46,7 +46,7 @@ def probes_of(forms: Sequence[LawForm], responses: Responses, projection: Projec
         length = float(np.linalg.norm(free))
         if not length > FAINT * float(np.linalg.norm(whitened)):  # also true for NaN
             continue
-        rms = rms_of(beside_calibration(added(as_effect(form), np.ones(form.size), movements), movements)) / length
+        rms = rms_of(left_by_calibration(added(as_effect(form), np.ones(form.size), movements), movements)) / length
         if factor.quantity not in best or rms < best[factor.quantity].rms:
             best[factor.quantity] = Probe(factor.quantity, whitened / length, free / length, rms)
     return tuple(best.values())
@@ -287,7 +287,7 @@ class Screening:
         for projection in self.projections:
             probed = responses if projection is last else np.zeros((projection.free, 0))
             targets.append(np.concatenate([projection.residual[:, None], projection.free_of(self.noise), probed], axis=1))
-            scatters.append(np.concatenate([[projection.scatter], projection.scatters(projection.beside(self.noise))]))
+            scatters.append(np.concatenate([[projection.scatter], projection.scatters(projection.left_of(self.noise))]))
         for some in passed(self._plan, self.responses, self.projections, targets, progress):
             number, forms = some.projection, some.forms
             weights, rank, left = seen_directions(some.free, some.length)
@@ -320,7 +320,7 @@ class Screening:
         return self._tested.max(axis=0)
 
     @property
-    def best_beside_last(self) -> float:
+    def best_after_last(self) -> float:
         """The largest studentised promise in the last projection, that of the most probable hypothesis."""
         return float(self._tested[-1].max())
 
@@ -400,7 +400,7 @@ def screened(
 # The promise of one form against a hypothesis that was not screened, in the noise estimated with the form.
 
 
-def promised_beside(screening: Screening, form: LawForm, projection: Projection) -> float:
+def promised_after(screening: Screening, form: LawForm, projection: Projection) -> float:
     """Studentised promise, as ``Screening.tested``; -inf where the form is not visible.  projection: of all turns, without the form."""
     basis = basis_of(form, screening.all_responses, projection)
     if not basis.shape[1]:

@@ -18,9 +18,9 @@ from tinygc.explanation.search import rewhitened
 from tinygc.features.discovery.constants import ByAxis, by_axis, gain_of, linear_coefficients
 from tinygc.features.discovery.enumeration import bits
 from tinygc.features.discovery.form import LawForm
-from tinygc.features.discovery.law_effect import added, as_effect, beside_calibration, correlation
+from tinygc.features.discovery.law_effect import added, as_effect, correlation, left_by_calibration
 from tinygc.features.discovery.projections import Projection
-from tinygc.features.discovery.screening import promised_beside
+from tinygc.features.discovery.screening import promised_after
 from tinygc.features.discovery.selection import FormEvidence, SearchRound, believable, one_step
 from tinygc.features.discovery.words import equation
 from tinygc.inference.choose import STAND_IN, chi_square_above
@@ -142,8 +142,8 @@ class Discovery:
     """verdict: "found": the laws are reported; "ambiguous": laws are supported, but a rival of another rate is as good, they are barely
     observable, or they leave more than noise; "none": no equation of this grammar; why: one line, of the last two.
 
-    laws; beside: the catalogue's effects that accompany them, or alone: id, parameters and their std as docs/formats.md names them; forms:
-    how many were enumerated, distinct: how many of them differ in this recording; chance_promise: what the best form of all promises in
+    laws; accompanying: the catalogue's effects with them, or alone: id, parameters and their std as docs/formats.md names them; forms: how
+    many were enumerated, distinct: how many of them differ in this recording; chance_promise: what the best form of all promises in
     noise alone, 95 % of the time less; best_promise: of the recording itself; learnable: quantity -> size, rms rad/s, from which a law of
     it alone is found here in 19 of 20 draws of noise, None where not at all.
     """
@@ -151,7 +151,7 @@ class Discovery:
     verdict: str
     why: str
     laws: tuple[Law, ...]
-    beside: tuple[dict, ...]
+    accompanying: tuple[dict, ...]
     forms: int
     distinct: int
     chance_promise: float
@@ -252,7 +252,7 @@ class SearchState:
         """
         screening, projection = self.round_of(law).screening, self.projection_without(law)
         on_grid = screening.neighbours(self.evidence.forms[law.id])
-        return screening.chance.p(max(promised_beside(screening, form, projection) for form in on_grid))
+        return screening.chance.p(max(promised_after(screening, form, projection) for form in on_grid))
 
     def projection_without(self, law: Effect) -> Projection:
         """Projection orthogonal to the best hypothesis without one law, in the noise estimated with all."""
@@ -293,7 +293,7 @@ def differing(searched: SearchState, law: Effect) -> ByAxis | None:
         return None
     theta = linear_coefficients(responses.columns(form), projection)
     rates = added(as_effect(form), theta, movements), found.added(movements)
-    one, other = (beside_calibration(rate, movements) for rate in rates)
+    one, other = (left_by_calibration(rate, movements) for rate in rates)
     return None if correlation(one, other) > EQUAL else found
 
 
@@ -337,7 +337,7 @@ def open_threshold(searched: SearchState, law: Effect, enough: float) -> tuple[f
     found = []
     for speed in SPEEDS:  # a faster movement passes a lower threshold alike
         rates = [added(as_effect(at(end / speed)), theta, movements) for end in ends]
-        found.append(correlation(*(beside_calibration(rate, movements) for rate in rates)))
+        found.append(correlation(*(left_by_calibration(rate, movements) for rate in rates)))
     return (ends[0], ends[1]) if np.mean(found) < enough else None
 
 
@@ -352,12 +352,12 @@ MOST_EXACT = 12
 def rivals(evidence: FormEvidence, best: Hypothesis, law: Effect, others: list[Effect], alike: Sequence[Effect] = ()) -> list[Rival]:
     """The nearest of the other effects when they take the place of ``law``, the best first; alike: further ones, all refitted exactly."""
     rest = [other for other in dict.fromkeys([*alike, *others]) if other.id != law.id and other.id not in best.ids]
-    asked, own, found = set(alike), whole_added(evidence.twin, best), list[Rival]()
+    required, own, found = set(alike), whole_added(evidence.twin, best), list[Rival]()
     guessed = [evidence.guess(best, without=law, add=other) for other in rest]
-    nearest = [-np.inf if other in asked else guess.score - best.score for other, guess in zip(rest, guessed, strict=True)]
+    nearest = [-np.inf if other in required else guess.score - best.score for other, guess in zip(rest, guessed, strict=True)]
     for place, number in enumerate(np.argsort(nearest, kind="stable")):
         other, weighed, correlated, chi, hypothesis = rest[number], guessed[number], 0.0, np.inf, None
-        near = other in asked or (place - len(asked) < MOST_EXACT and nearest[number] < STAND_IN + MARGIN)
+        near = other in required or (place - len(required) < MOST_EXACT and nearest[number] < STAND_IN + MARGIN)
         if near and not evidence.exhausted:
             hypothesis = evidence.of((*(effect for effect in best.effects if effect is not law), other), best)
             if not believable(hypothesis, best):
@@ -382,7 +382,7 @@ def chi_square_beyond(hypothesis: Hypothesis, best: Hypothesis) -> float:
 # of quite different rates may fit alike, at any size, and the price of descriptions must not choose between them.
 
 #: share of a law's gain that a form of its gain may lack: the error of the linear columns and of constants on a grid
-LACKS = 0.03
+MISSING_SHARE = 0.03
 #: most of them that are refitted exactly, those of the fewest numbers first
 MOST_ALIKE = 6
 
@@ -399,7 +399,7 @@ def alike(searched: SearchState, law: Effect) -> list[Effect]:
         found[plain.shape] = plain
     if own:
         level = screening.gain[:, own].max(axis=1, keepdims=True)
-        near = np.flatnonzero((screening.gain > (1 - LACKS) * level - STAND_IN - MARGIN).any(axis=0))
+        near = np.flatnonzero((screening.gain > (1 - MISSING_SHARE) * level - STAND_IN - MARGIN).any(axis=0))
         gain = screening.gain.max(axis=0)
         for number in sorted(near.tolist(), key=lambda n: (numbers_of(screening.forms[n]), -gain[n])):
             other = screening.forms[number]
@@ -422,7 +422,7 @@ def whole_added(twin: Twin, hypothesis: Hypothesis) -> np.ndarray:
     for claim in hypothesis.fit.state.claims:
         if claim.effect.kind == "rate":
             total += added(claim.effect, claim.theta, movements)
-    return beside_calibration(total, movements)
+    return left_by_calibration(total, movements)
 
 
 # Reasons to reject a law.
@@ -441,24 +441,24 @@ ALL_OF_IT = 1 - (1 - EQUAL**2) / 2
 def refused(searched: SearchState, law: Effect) -> str | None:
     """Why a law of the best hypothesis is rejected, or None."""
     best, evidence = searched.best, searched.evidence
-    chance_p, said = searched.chance_p(law), equation(evidence.forms[law.id])
+    chance_p, text = searched.chance_p(law), equation(evidence.forms[law.id])
     if chance_p > CHANCE:
-        return f"the best form does no more than chance does in {100 * chance_p:.2g} % of such searches: {said}"
+        return f"the best form does no more than chance does in {100 * chance_p:.2g} % of such searches: {text}"
     if searched.catalogue.score < best.score + STAND_IN:
         names = ", ".join(sorted(searched.catalogue.ids))
         return f"on the turns that were searched {names} is of equal worth" if names else "noise alone explains the turns searched as well"
     if searched.without(law).score < best.score + STAND_IN:
-        return f"the rest explains the turns that were searched as well without it: {said}"
+        return f"the rest explains the turns that were searched as well without it: {text}"
     name = next(iter(rivals(evidence, best, law, searched.names)), None)
     if name is not None and name.worse < STAND_IN:
-        return f"on the turns that were searched {name.effect.id} is of equal worth beside the rest: {said}"
+        return f"on the turns that were searched {name.effect.id} is of equal worth with the rest: {text}"
     if searched.shapes.score < best.score - STAND_IN:
         return f"a shape without a law does better: {', '.join(sorted(searched.shapes.ids))}"
     for test in searched.held_out_of(law):
         if test.removed is not None and test.removed <= 0:
-            return f"the best form worsens the closure of the held-out segments: {said}"
+            return f"the best form worsens the closure of the held-out segments: {text}"
         if test.p_value > HELD_OUT_P:
-            return f"chance improves the held-out segments as much as the best form does, with p = {test.p_value:.2g}: {said}"
+            return f"chance improves the held-out segments as much as the best form does, with p = {test.p_value:.2g}: {text}"
     return None
 
 

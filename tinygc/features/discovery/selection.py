@@ -26,10 +26,10 @@ from tinygc.noise.refit import FARTHEST, LOOSE, Refit, Replay
 from tinygc.noise.turn_gravity import lever_equations
 from tinygc.noise.twin import LINEAR, Twin
 
-# The evidence of forms: as that of the catalogue's effects, each the form of one effect, that of what the catalogue lacks.
+# The evidence of forms: as that of the catalogue's effects, each the form of one effect, that of what is not in the catalogue.
 
 #: evaluations of laws over all samples of a recording, after which a search ends with what it has: a law as strong as what it follows takes
-#: many passes to undo, so that refits of it take most of the time (benchmarks/discovery_laws.py: a minute on one core for 40 turns at
+#: many passes to invert, so that refits of it take most of the time (benchmarks/discovery_laws.py: a minute on one core for 40 turns at
 #: 104 Hz).  A count, as the answer must not depend on the computer
 MOST_WORK = 6000.0
 #: chance of as many turns being nearer to gravity: below it gravity decides
@@ -78,7 +78,7 @@ class FormEvidence(Evidence):
     # pairs.  A hand shakes independently from turn to turn, so Wilcoxon's signed-rank test holds whatever it does within one.
 
     def gravity_prefers(self, one: Hypothesis, other: Hypothesis) -> bool:
-        """Whether gravity during the turns tells that ``one`` is nearer than ``other``, of hypotheses that close alike."""
+        """Whether gravity during the turns shows that ``one`` is nearer than ``other``, of hypotheses that close alike."""
         gains = self._squares_within(other) - self._squares_within(one)
         return len(gains) > 1 and bool(gains.any()) and signed_ranks_above(gains) < DECIDES
 
@@ -231,7 +231,7 @@ def _moves(twin: Twin, have: Hypothesis, law: Effect, form: LawForm, replay: Rep
 #: sessions
 MOST_REFINED = 14
 #: most promising forms in each projection that are checked for replacing the calibration
-MOST_ASKED = 60
+MOST_CHECKED = 60
 #: of those, plausible exact refits; and refits tried, where some are not plausible
 MOST_EXACT, MOST_TRIED = 4, 12
 #: exact refits for the promise alone
@@ -305,14 +305,14 @@ def _refitted(evidence: FormEvidence, trials: list[Trial], promised: dict[str, f
 def _first_of_each_shape(forms: Sequence[LawForm], promise: np.ndarray, takes_calibration: Callable[[LawForm], bool]) -> list[int]:
     """Numbers of the most promising forms that keep the calibration; of those that differ by constants alone the first."""
     found: dict[LawForm, int] = {}
-    asked = 0
+    checked = 0
     for number in np.argsort(-promise, kind="stable"):
         form = forms[number]
         if promise[number] <= 0 or len(found) >= MOST_REFINED:
             break
         if form.shape in found:
             continue
-        asked += 1
-        if asked > MOST_ASKED or not takes_calibration(form):
+        checked += 1
+        if checked > MOST_CHECKED or not takes_calibration(form):
             found[form.shape] = int(number)
     return list(found.values())

@@ -35,7 +35,7 @@ STEADY, FEWEST_WINDOWS = 1e-4, 8
 #: windows of the finest scale in a rest that is compared with another
 MANY_WINDOWS = 1000
 #: times by which the halves differ where it is worth a sentence
-WORTH_SAYING = 1.25
+WORTH_REPORTING = 1.25
 #: of a block's readings that repeat all six before them: it stands still
 STUCK = 0.9
 #: blocks in a row in which one channel's readings are all equal; share of a rest above which its register has but few steps
@@ -317,7 +317,7 @@ def _apart(squares: np.ndarray, freedom: np.ndarray) -> tuple[float, int, float]
     variance = squares / np.maximum(freedom, 1)
     high = int(np.argmax(variance))
     share = float(variance[high] / variance[1 - high]) if variance.min() > 0 else 1.0  # of an axis that does not change here: nothing
-    return (2 * float(fdtrc(freedom[high], freedom[1 - high], share)) if share > WORTH_SAYING**2 else 1.0), high, share**0.5
+    return (2 * float(fdtrc(freedom[high], freedom[1 - high], share)) if share > WORTH_REPORTING**2 else 1.0), high, share**0.5
 
 
 def _without(columns: np.ndarray) -> np.ndarray:

@@ -138,9 +138,9 @@ def all_spans(session: Session) -> list[Spans]:
 
 # Which way a truth file's quaternions turn, whose axes they are of, and which way is up in its world.
 #
-# The gyro's rates tell the sense of turning and the mounting: short spans' rotation vectors, seen in the body at the span's beginning, are
+# The gyro's rates show the sense of turning and the mounting: short spans' rotation vectors, seen in the body at the span's beginning, are
 # the gyro's, turned by a constant rotation.  Those of an inverse attitude are the world's, which no constant rotation brings to the body.
-# Cells in another order are an inverse with two constant turns, so the rates alone do not tell the two apart: the least mounting does.
+# Cells in another order are an inverse with two constant turns, so the rates alone do not separate the two: the least mounting does.
 
 #: the contract's own way is taken unless another leaves less than this share of what it leaves of rates and of gravity
 MUCH_LESS = 0.5

@@ -49,10 +49,10 @@ def check_truth(session: Session, log: Log) -> list[Finding]:
     except CalibrationError as error:
         return [Finding("error", where, "truth", str(error))]
     good = [(segment, ends) for segment, ends in cut if segment.accepted]
-    says = f"{len(truth)} moments, {len(good)} of {len(cut)} segments whole"
+    text = f"{len(truth)} moments, {len(good)} of {len(cut)} segments whole"
     if not good:
-        return [Finding("error", where, "truth", f"{says}: {cut[0][0].problem}", "is the truth of this log?")]
-    findings = [Finding("ok", where, "truth", says)]
+        return [Finding("error", where, "truth", f"{text}: {cut[0][0].problem}", "is the truth of this log?")]
+    findings = [Finding("ok", where, "truth", text)]
     picked = good[:: -(-len(good) // MOST_SEGMENTS)]
     if float(np.median([segment.duration_s for segment, _ in picked])) > LONGEST_S:
         return findings
@@ -66,9 +66,9 @@ def check_truth(session: Session, log: Log) -> list[Finding]:
     if size < LEAST_DEG:
         return [*findings, Finding("note", where, "gyro against truth", f"hardly turned ({size:.1f} deg): it cannot test the gyro")]
     misfit, bias = _misfit(gyro, turned, duration)
-    says = f"segments of {size:.0f} deg, explained to {1 - misfit:.1%} (bar {EXPLAINED:.0%}) with a bias of {xyz_text(bias / DEG)} dps"
+    text = f"segments of {size:.0f} deg, explained to {1 - misfit:.1%} (bar {EXPLAINED:.0%}) with a bias of {xyz_text(bias / DEG)} dps"
     if misfit <= 1 - EXPLAINED:
-        return [*findings, Finding("ok", where, "gyro against truth", says)]
+        return [*findings, Finding("ok", where, "gyro against truth", text)]
     inverse, _ = _misfit(gyro, multiply(start, conjugate(end)), duration)
     hint = (
         "the inverse explains it: write q_nb, body to navigation frame"
@@ -77,7 +77,7 @@ def check_truth(session: Session, log: Log) -> list[Finding]:
         if limited
         else "are axes, units and clocks the same?"
     )
-    return [*findings, Finding("error", where, "gyro against truth", says, hint)]
+    return [*findings, Finding("error", where, "gyro against truth", text, hint)]
 
 
 def _misfit(gyro: np.ndarray, turned: np.ndarray, duration: np.ndarray) -> tuple[float, np.ndarray]:
@@ -98,7 +98,7 @@ WORLDS = {"ned": "z down", "enu": "z up", "y_up": "y up", "y_down": "y down", "x
 def with_aligned_truth(session: Session) -> tuple[Session, list[Finding]]:
     """A session whose truth files are read as the recording shows, where ``[truth]`` does not state it, and the findings.
 
-    One whose truth does not go with its gyro is returned as it is: the first look says that.
+    One whose truth does not go with its gyro is returned as it is: the first look reports that.
     """
     aligned = without_outages(session)
     alignment, truths = aligned.reference.alignment, aligned.reference.truths
@@ -107,7 +107,7 @@ def with_aligned_truth(session: Session) -> tuple[Session, list[Finding]]:
     findings = [_clock(alignment), *_attitude(alignment), _frame(alignment, given), _mounting(alignment, given)]
     findings += _ceiling(session, alignment)
     findings += [_outage(truth, outage) for truth in truths for outage in truth.outages]
-    return aligned, [Finding(level, where, what, says, do) for level, what, says, do in findings if what]
+    return aligned, [Finding(level, where, what, text, do) for level, what, text, do in findings if what]
 
 
 def frame_text(alignment: TruthAlignment) -> str:
@@ -158,16 +158,16 @@ def _turned_seen(alignment: TruthAlignment) -> str:
 
 
 def _clock(alignment: TruthAlignment) -> tuple[str, str, str, str]:
-    source, used, says = alignment.source["offset_s"], alignment.reading.offset_s, offset_text(alignment)
+    source, used, text = alignment.source["offset_s"], alignment.reading.offset_s, offset_text(alignment)
     if source == GIVEN and not np.isfinite(alignment.offset_s):
-        return "note", CLOCK, says, "is truth.offset_s this truth's? what is within 2 s of it is searched"
+        return "note", CLOCK, text, "is truth.offset_s this truth's? what is within 2 s of it is searched"
     if source == GIVEN:
         apart = abs(alignment.offset_s - used) > OFFSET_SIGMAS * alignment.offset_sigma_s
-        return ("warning", CLOCK, says, "correct truth.offset_s, or leave it out to have it found") if apart else ("ok", CLOCK, says, "")
+        return ("warning", CLOCK, text, "correct truth.offset_s, or leave it out to have it found") if apart else ("ok", CLOCK, text, "")
     if source == FOUND:
         stamps = "early" if used > 0 else "late"
-        return "note", CLOCK, f"its stamps are {stamps}: {says}", f"truth.offset_s = {used:.6f} in session.toml keeps it"
-    return ("ok" if np.isfinite(alignment.offset_s) else "note"), CLOCK, says, ""
+        return "note", CLOCK, f"its stamps are {stamps}: {text}", f"truth.offset_s = {used:.6f} in session.toml keeps it"
+    return ("ok" if np.isfinite(alignment.offset_s) else "note"), CLOCK, text, ""
 
 
 def _attitude(alignment: TruthAlignment) -> list[tuple[str, str, str, str]]:
@@ -178,7 +178,7 @@ def _attitude(alignment: TruthAlignment) -> list[tuple[str, str, str, str]]:
         )
     if alignment.source["order"] == FOUND:
         found.append(("note", ATTITUDE, "the gyro turns as they do with the scalar last", 'truth.order = "xyzw", or a header qx,qy,qz,qw'))
-    return [(level, what, says, f"{do} in session.toml keeps it") for level, what, says, do in found]
+    return [(level, what, text, f"{do} in session.toml keeps it") for level, what, text, do in found]
 
 
 def _ceiling(session: Session, alignment: TruthAlignment) -> list[tuple[str, str, str, str]]:
@@ -188,42 +188,42 @@ def _ceiling(session: Session, alignment: TruthAlignment) -> list[tuple[str, str
         return []
     levels = " and ".join(f"{level:.4g}" for level in alignment.ceiling_rps[found] / DEG)
     stay, go = ("stays", "goes") if found.sum() == 1 else ("stay", "go")
-    says = (
+    text = (
         f"{axes_text(found)} {stay} at ±{levels} dps, of ±{session.config.sensor.gyro_fs_dps:g}, wherever the truth turns faster, and {go} "
         f"along with it below: {alignment.ceiling_share:.0%} of the readings are there"
     )
-    return [("error", CEILING, says, "what is beyond is lost: turn slower, or look for the limit in the sensor's settings")]
+    return [("error", CEILING, text, "what is beyond is lost: turn slower, or look for the limit in the sensor's settings")]
 
 
 def _frame(alignment: TruthAlignment, given: TruthGiven) -> tuple[str, str, str, str]:
     frame, up = alignment.reading.frame, alignment.up
     if not np.isfinite(alignment.explained):
-        return "note", FRAME, f"{WORLDS[frame]} ({alignment.source['frame']}): truth and gyro do not go together, so nothing tells it", ""
+        return "note", FRAME, f"{WORLDS[frame]} ({alignment.source['frame']}): truth and gyro do not go together, so it is unknown", ""
     if up is None:
-        return "note", FRAME, f"{WORLDS[frame]} ({alignment.source['frame']}): no specific force to tell it by", ""
+        return "note", FRAME, f"{WORLDS[frame]} ({alignment.source['frame']}): no specific force to find it by", ""
     tilt_deg = float(np.degrees(np.arccos(np.clip(-up @ down_of(frame) / max(np.linalg.norm(up), 1e-12), -1, 1))))
-    says = f"{WORLDS[frame]} ({alignment.source['frame']}), gravity says {tilt_deg:.1f}° from it"
+    text = f"{WORLDS[frame]} ({alignment.source['frame']}), gravity shows {tilt_deg:.1f}° from it"
     if tilt_deg > 45:
         do = "correct truth.frame, or leave it out to have it found" if given.frame else "give truth.frame and truth.mounting"
-        return "warning", FRAME, says, do
+        return "warning", FRAME, text, do
     if tilt_deg > TILTED_DEG:
-        return "note", FRAME, says, "the truth's world is tilted, or the accelerometer is off"
+        return "note", FRAME, text, "the truth's world is tilted, or the accelerometer is off"
     keeps = f'truth.frame = "{frame}" in session.toml keeps it; an accelerometer whose three axes are all negated looks the same'
-    return ("note", FRAME, says, keeps) if alignment.source["frame"] == FOUND and frame != "ned" else ("ok", FRAME, says, "")
+    return ("note", FRAME, text, keeps) if alignment.source["frame"] == FOUND and frame != "ned" else ("ok", FRAME, text, "")
 
 
 def _mounting(alignment: TruthAlignment, given: TruthGiven) -> tuple[str, str, str, str]:
-    says = f"gyro to truth {mounting_text(alignment)}"
+    text = f"gyro to truth {mounting_text(alignment)}"
     if given.mounting is not None:
         apart = Rotation.from_matrix(given.mounting).inv() * Rotation.from_rotvec(np.nan_to_num(alignment.turned))
         angle = float(apart.magnitude()) if np.isfinite(alignment.turned).all() else 0.0
-        says = f"as given; the recording shows {_turned_seen(alignment)}, {angle / DEG:.1f}° from it"
+        text = f"as given; the recording shows {_turned_seen(alignment)}, {angle / DEG:.1f}° from it"
         do = "correct truth.mounting, or leave it out to have it found"
-        return ("warning", MOUNTING, says, do) if angle > MOUNTING_RAD else ("ok", MOUNTING, says, "")
+        return ("warning", MOUNTING, text, do) if angle > MOUNTING_RAD else ("ok", MOUNTING, text, "")
     if alignment.source["mounting"] == FOUND:
         rows = ", ".join(f"[{', '.join(f'{value:.6f}' for value in row)}]" for row in alignment.reading.mounting)
-        return "note", MOUNTING, f"{says}: a gyro's common misalignment is in it", f"truth.mounting = [{rows}] in session.toml keeps it"
-    return "ok", MOUNTING, says, ""
+        return "note", MOUNTING, f"{text}: a gyro's common misalignment is in it", f"truth.mounting = [{rows}] in session.toml keeps it"
+    return "ok", MOUNTING, text, ""
 
 
 def _outage(truth: Truth, outage: TruthOutage) -> tuple[str, str, str, str]:

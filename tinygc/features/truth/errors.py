@@ -38,7 +38,7 @@ OFFSET = Effect(
     kind="reference",
     columns=_nothing,
     describe=lambda theta: (
-        f"the truth's stamps are {1e3 * abs(theta[0]):.2f} ms {'early' if theta[0] > 0 else 'late'} beside the gyro's: shift one of them "
+        f"the truth's stamps are {1e3 * abs(theta[0]):.2f} ms {'early' if theta[0] > 0 else 'late'} against the gyro's: shift one of them "
         f"(truth.offset_s = {theta[0]:.6f}); a delay that all axes of the gyro share looks the same"
     ),
     discriminating_motion="turn fast and stop: the truth must stop with the gyro",
@@ -47,7 +47,7 @@ OFFSET = Effect(
 SMOOTHED_S = 0.02
 SMOOTHING = Effect(
     id="reference.truth_smoothing",
-    equation="the truth's attitude is a mean over a while around t: it errs by half the variance of that while times dω/dt",
+    equation="the truth's attitude is a mean over a while around t: it is wrong by half the variance of that while times dω/dt",
     parameter=Parameter("variance_ms2", (), "ms²", 1e-6, plausible=0.05**2),
     observable_in=("reference",),
     kind="reference",
@@ -132,7 +132,7 @@ def wrong_moments(count: int) -> Effect:
     )
 
 
-#: what an outage looks like where nothing tells that it is not the gyro that is wrong
+#: what an outage looks like where the gyro may be wrong instead
 LIKE_AN_OUTAGE = ("gyro.bias_step", "data.glitches")
 
 
@@ -143,7 +143,7 @@ def outages(spans: int, size_dps: list[float], sure: bool) -> Effect:
     def describe(theta: np.ndarray) -> str:
         where = ", ".join(f"{begin:.1f} to {end:.1f} s" for begin, end in theta.reshape(-1, 2))
         apart = f"from {where} truth and gyro part by {max(size_dps):.3g} dps rms, far beyond what the rest of the recording shows"
-        whose = "the truth has lost the body" if sure else "the truth or the gyro is wrong there, and this recording does not tell which"
+        whose = "the truth has lost the body" if sure else "the truth or the gyro is wrong there, and this recording does not show which"
         return f"{apart}: {whose}; its moments there are left out"
 
     return Effect(
@@ -186,9 +186,9 @@ def truth_components(twin: Twin, sizes: tuple[int, int, int]) -> list[Component]
             ends.setdefault((s.log, at), np.zeros(len(twin.segments)))[number] += sign
     moments = np.array(list(ends.values()))
 
-    def of_moments(name: str, sizes_at: np.ndarray, usual: float, unit: str, si: float, says: str, prior: Prior | None = None) -> Component:
+    def of_moments(name: str, sizes_at: np.ndarray, usual: float, unit: str, si: float, what: str, prior: Prior | None = None) -> Component:
         sized = moments * sizes_at[:, None]
-        return Component(name, Sparse.of(np.kron(sized.T @ sized, np.eye(twin.batch.angles))), usual, unit, si, says, prior)
+        return Component(name, Sparse.of(np.kron(sized.T @ sized, np.eye(twin.batch.angles))), usual, unit, si, what, prior)
 
     rate, change = (np.array([np.linalg.norm(values[log][at]) for log, at in ends]) for values in (rates, changes))
     angle = [
@@ -197,11 +197,11 @@ def truth_components(twin: Twin, sizes: tuple[int, int, int]) -> list[Component]
     ]
     diagonal = np.zeros(sum(sizes))
     diagonal[: sizes[0]] = np.repeat(angle, twin.batch.angles)
-    says = "attitude of each moment of truth"
+    words = "attitude of each moment of truth"
     # A search that starts at the stated sigma, which may be off by a factor of 30, ends where other components have taken its place.
     usual = float(sigma_of(twin.residuals(twin.start()).closure.ravel())) / np.sqrt(2) or sigma
     return [
-        of_moments(TRUTH, np.ones(len(moments)), usual, "deg", DEG, says, Prior(sigma, TRUTH_SPREAD)),
+        of_moments(TRUTH, np.ones(len(moments)), usual, "deg", DEG, words, Prior(sigma, TRUTH_SPREAD)),
         of_moments(TRUTH_RATE, rate, USUAL_JITTER_S, "ms", 1e-3, "the truth's error that grows with the rate"),
         of_moments(TRUTH_ACCELERATION, change, USUAL_BLUR_S2, "ms²", 1e-6, "the truth's error that grows with the angular acceleration"),
         Component(TURNED, Sparse.of_diagonal(diagonal), USUAL_TURNED_RAD, "°/√rad", DEG, "each turn, by the root of the angle turned"),
@@ -224,11 +224,11 @@ MEDIAN_LENGTH, FREEDOM_SHARE = float(np.sqrt(2 * gammaincinv(1.5, 0.5))), 1.58
 def repaired(problem: Problem) -> RepairedProblem:
     """The problem without wrong moments; as recorded, its clock is where the truth's stamps have it."""
     alignment = problem.session.reference.alignment
-    mended = without_wrong_moments(problem)
+    repaired = without_wrong_moments(problem)
     if alignment is None or alignment.source["offset_s"] != FOUND:
-        return mended
+        return repaired
     twin = problem.session.reference.twin(problem)
-    return replace(mended, recorded=replace(problem, batch=twin.later(problem.batch, twin.start(), -alignment.reading.offset_s)))
+    return replace(repaired, recorded=replace(problem, batch=twin.later(problem.batch, twin.start(), -alignment.reading.offset_s)))
 
 
 def without_wrong_moments(problem: Problem) -> RepairedProblem:

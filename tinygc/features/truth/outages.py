@@ -32,7 +32,7 @@ FEWEST = 20
 #: passes of the reweighted fit
 PASSES = 12
 #: sigmas of the logarithm of a span's parting above its median: by chance one in 10^6 where the logarithm is normal; and where an outage
-#: begins and ends, beside such spans
+#: begins and ends, next to such spans
 FAR_SIGMAS, NEAR_SIGMAS = 5.0, 3.0
 #: scatter of the logarithm of a vector's length with three normal components: less is not credible
 LEAST_SCATTER = 0.45
@@ -40,7 +40,7 @@ LEAST_SCATTER = 0.45
 PAUSE_S = 0.3
 #: spans of an outage between two sound stretches: a single wrong moment has two (``without_wrong_moments`` looks for these)
 LEAST_SPANS = 3
-#: of all spans: where truth and gyro part in more of the recording, nothing tells what is usual
+#: of all spans: where truth and gyro part in more of the recording, what is usual is unknown
 MOST_SHARE = 0.4
 
 
@@ -60,7 +60,7 @@ def without_outages(session: Session) -> Session:
 #
 # It shows by which rates are missed.  Up to a level the gyro goes along with the truth; where the truth turns faster, it stays there.
 
-#: of the fastest that the gyro says: the truth is faster beyond; the gyro stays within so much of it; and it goes along, up to the level
+#: of the fastest reading of the gyro: the truth is faster beyond; the gyro stays within so much of it; and it goes along, up to the level
 BEYOND, STAYS, GOES_ALONG = 1.1, 0.05, 0.05
 #: shares of the level between which it must go along, and of the spans beyond that stay
 ALONG, MOST_STAY = (0.3, 0.8), 0.8
@@ -130,7 +130,7 @@ def find_outages(log: Log, truth: Truth) -> tuple[TruthOutage, ...]:
     found = [(run, _wrong(log, truth, parting, *run)) for run in _runs(parting.times_usual, parting.spans.begin_s, parting.spans.end_s)]
     found = [(_widened(truth, parting, *run), seen) for run, seen in found]
     size = np.linalg.norm(parting.rate, axis=1)
-    # Moments that are in no span go with the outage beside them.
+    # Moments that are in no span go with the outage next to them.
     spans = parting.spans
     begins = np.append(0, np.where(spans.last[:-1] == spans.first[1:], spans.first[1:], spans.last[:-1] + 1))
     ends = np.append(np.where(spans.last[:-1] == spans.first[1:], spans.last[:-1], spans.first[1:] - 1), len(truth) - 1)
@@ -216,7 +216,7 @@ def _runs(times_usual: np.ndarray, begin_s: np.ndarray, end_s: np.ndarray) -> li
         inside = start > 0 and stop < len(near)
         if inside and end_s[stop - 1] - begin_s[start] <= PAUSE_S:
             near[start:stop] = True
-    edge = np.zeros(len(near), dtype=bool)  # beside one, there is no sound stretch that a single wrong moment would join
+    edge = np.zeros(len(near), dtype=bool)  # next to one, there is no sound stretch that a single wrong moment would join
     gaps = np.flatnonzero(begin_s[1:] > end_s[:-1] + 1e-6)
     edge[[0, len(near) - 1, *gaps, *(gaps + 1)]] = True
     found = []

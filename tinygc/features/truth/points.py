@@ -1,4 +1,4 @@
-"""What the core asks of truth files (``REFERENCE`` of session/base/features.py); what is heavy is imported where it is asked."""
+"""What the core asks of truth files (``REFERENCE`` of session/base/features.py); what is heavy is imported where it is needed."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from session.base.files import write_new
 from session.log.config import Config
 from session.log.samples import Samples
 from tinygc.features.truth.reading import (
-    SAID,
+    REPORTED,
     TRUTH_ARRAYS,
     Truth,
     TruthAlignment,
@@ -55,7 +55,7 @@ class TruthFiles:
 
     @staticmethod
     def paths(logs: Sequence[Path]) -> list[Path]:
-        """The file beside each log.  Raises FormatError where there is none."""
+        """The file of each log.  Raises FormatError where there is none."""
         return list(map(truth_path, logs))
 
     @classmethod
@@ -84,7 +84,7 @@ class TruthFiles:
 
     # The fit and the explanation.
 
-    said: ClassVar[tuple[str, ...]] = SAID
+    reported: ClassVar[tuple[str, ...]] = REPORTED
     examined = _late("check:with_aligned_truth")
     check = _late("check:check_truth")
     problem = _late("problem:build_truth_problem")

@@ -143,19 +143,19 @@ class TruthAlignment:
     ceiling_share: float = 0.0
 
 
-# What the first look says of truth files.
+# What the first look reports of truth files.
 
 CLOCK, FRAME, ATTITUDE, MOUNTING = "truth's clock", "truth's frame", "truth's attitudes", "truth's mounting"
 OUTAGE, CEILING = "truth's outages", "gyro ceiling"
-#: what fit and explain say as well, where it is more than ok
-SAID = (CLOCK, FRAME, ATTITUDE, MOUNTING, OUTAGE)
+#: what fit and explain report as well, where it is more than ok
+REPORTED = (CLOCK, FRAME, ATTITUDE, MOUNTING, OUTAGE)
 
 # A truth file: attitudes that something better than gravity saw, at some moments of a log (``reference = "truth"``).
 #
-# A motion capture, a total station, a rate table's encoder: whatever gives three angles.  Beside ``log0001.csv`` lies ``truth0001.csv``,
+# A motion capture, a total station, a rate table's encoder: whatever gives three angles.  Next to ``log0001.csv`` lies ``truth0001.csv``,
 # CSV or CSV.gz, with the header ``t_us`` (or ``t_ns``, ``t_s``) ``,qw,qx,qy,qz`` (or ``,qx,qy,qz,qw``) and, optionally, ``,window``: time
 # on the log's own clock, ``q_nb``, body to north-east-down (turned about the vertical by any constant heading), unless ``[truth]`` of
-# session.toml says otherwise.  Rows of one window, a whole number, bound one segment each; without windows the
+# session.toml has it otherwise.  Rows of one window, a whole number, bound one segment each; without windows the
 # moments are taken one after the other.
 
 #: a quaternion whose length is further from 1 than this was not one
@@ -227,7 +227,7 @@ SCALAR_FIRST, SCALAR_LAST = ["qw", "qx", "qy", "qz"], ["qx", "qy", "qz", "qw"]
 
 
 def read_truth(path: Path, reading: TruthReading | None = None) -> Truth:
-    """Read a truth file, as the contract has it or as a reading says.  FormatError names the line that is at fault."""
+    """Read a truth file, as the contract has it or as a reading has it.  FormatError names the line that is at fault."""
     lines = rows_of(path)
     names = [cell.strip() for cell in next(lines, (0, ""))[1].split(",")]
     if names[0] not in STAMP_NS or names[1:5] not in (SCALAR_FIRST, SCALAR_LAST) or names[5:] not in ([], ["window"]):

@@ -1,8 +1,9 @@
-"""What a truth file shows besides names: growth of the closure, neighbours, clock and frame, the accelerometer, the rests."""
+"""What a truth file shows beyond names: growth of the closure, neighbours, clock and frame, the accelerometer, the rests."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -14,7 +15,7 @@ from session.base.units import DEG, MG
 from session.detect.findings import xyz_text
 from session.detect.segments import Segment
 from tinygc.closure.least_squares import fit_least_squares
-from tinygc.closure.problem import SAID_SIGMAS, Problem
+from tinygc.closure.problem import REPORTED_SIGMAS, Problem
 from tinygc.closure.residual import closure_angles
 from tinygc.effects import AppliedEffect, movement_of
 from tinygc.explanation.claims import Claim, claim_of, common_delays
@@ -138,8 +139,8 @@ def force_against_truth(problem: Problem, stands: np.ndarray, turned: np.ndarray
     prior = 0.05 * np.diag([1e-3] * 3 + [1 / (0.5 * DEG)] * 2)
     found = solve(np.vstack([A, prior]), np.vstack([y, np.zeros((5, 2))]))
     scatter = np.sum((y[:, 0] - A @ found.shortest[:, 0]) ** 2) / max(len(y) - 5, 1)
-    bias, as_asked = found.shortest[:3].T
-    return Force(bias, as_asked, np.sqrt(np.diag(found.spread)[:3] * scatter))
+    bias, as_turned = found.shortest[:3].T
+    return Force(bias, as_turned, np.sqrt(np.diag(found.spread)[:3] * scatter))
 
 
 def zero_at_rest(problem: Problem, model: LinearModel) -> Rests | None:
@@ -173,15 +174,15 @@ CANNOT = (
 
 
 class TruthShown:
-    """What a truth file shows besides names.
+    """What a truth file shows beyond names.
 
-    twin: of the problem without wrong moments; fit: with what is named; noise beside it.  lengths_s (L,), closure_rad (L, 3): growth.
+    twin: of the problem without wrong moments; fit: with what is named; its noise.  lengths_s (L,), closure_rad (L, 3): growth.
     truth_rad: noise of a moment.  gyro_rad per root second: the gyro's own walk at its quietest.  neighbours: correlation of neighbouring
     segments' errors, before and after.  rests; force.
     """
 
-    def __init__(self, mended: RepairedProblem, twin: Twin, first: Refit, fit: Refit, noise: SessionNoise):
-        self.twin, self.fit, self._jumps = twin, fit, mended.found.get(WRONG_MOMENTS)
+    def __init__(self, repaired: RepairedProblem, twin: Twin, first: Refit, fit: Refit, noise: SessionNoise):
+        self.twin, self.fit, self._jumps = twin, fit, repaired.found.get(WRONG_MOMENTS)
         problem, self.alignment = twin.original, twin.problem.session.reference.alignment
         model = fit_least_squares(problem.batch, problem.floor.sigma, problem.first).model
         self.lengths_s, self.closure_rad = growth(problem, model)
@@ -209,19 +210,18 @@ class TruthShown:
             value, sigma = self.alignment.offset_s, self.alignment.offset_sigma_s
         return {OFFSET.id: (np.array([value]), np.array([[sigma**2]])) if np.isfinite([value, sigma]).all() else None}
 
-    def beside(self, claims: list[Claim]) -> list[Claim]:
+    def all_claims(self, claims: list[Claim]) -> list[Claim]:
         """All claims: these, and what was found before the fit.  The clock is stated as recorded, and where it was fitted for a delay alone
         only if it is there."""
         named = next((claim for claim in claims if claim.effect is OFFSET), None)
         value, sigma = self.offset
-        if abs(value) > SAID_SIGMAS * sigma or named is not None:
+        if abs(value) > REPORTED_SIGMAS * sigma or named is not None:
             applied, p_value = AppliedEffect(OFFSET, np.array([value])), float(chdtrc(1, (value / sigma) ** 2))
             clock = claim_of(applied, np.array([[sigma**2]]), p_value, equivalent=common_delays())
             if named is not None:
                 p_value = min(p_value, named.p_value)
-                clock = replace(
-                    named, parameters=clock.parameters, std=clock.std, says=clock.says, p_value=p_value, equivalent=clock.equivalent
-                )
+                fields: dict[str, Any] = {"parameters": clock.parameters, "std": clock.std, "description": clock.description}
+                clock = replace(named, **fields, p_value=p_value, equivalent=clock.equivalent)
             claims = [clock if claim is named else claim for claim in claims] + ([clock] if named is None else [])
         return outage_claims(self.twin.problem) + _frame_claim(self.alignment, self.force) + claims
 
@@ -252,7 +252,7 @@ class TruthShown:
             zero = f"zero-rate offset there less in motion {xyz_text(rests.difference / DEG, 3)} dps ± {xyz_text(rests.sigma / DEG, 3)}"
             rows.append(("rest", f"{rests.seconds:.0f} s; {zero}"))
             rows.append(("", f"vibration {rests.vibration_g2[0]:.4f} g² there, {rests.vibration_g2[1]:.4f} in motion"))
-        rows = [(of, says if "nan" not in says else f"{says.split(' ')[0]}: not known, too few segments") for of, says in rows]
+        rows = [(of, text if "nan" not in text else f"{text.split(' ')[0]}: not known, too few segments") for of, text in rows]
         return [*rows, ("limits", CANNOT)]
 
     @property
@@ -366,10 +366,10 @@ def _not_taken_off(alignment: TruthAlignment) -> np.ndarray:
 def _stands_and_turned(alignment: TruthAlignment) -> tuple[np.ndarray, np.ndarray]:
     """(3, 3) each: from the sensor's axes to those of the problem's attitudes, without an estimated mounting, and with the rotation
     estimated from the gyro."""
-    asked = Rotation.from_rotvec(_not_taken_off(alignment)).as_matrix()
+    found = Rotation.from_rotvec(_not_taken_off(alignment)).as_matrix()
     if alignment.source["mounting"] != FOUND:
-        return np.eye(3), asked
-    return alignment.reading.mounting.T, asked
+        return np.eye(3), found
+    return alignment.reading.mounting.T, found
 
 
 def _frame_claim(alignment: TruthAlignment, force: Force | None) -> list[Claim]:

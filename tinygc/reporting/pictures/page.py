@@ -85,7 +85,7 @@ def picture_of(e: Explanation) -> Picture:
     still = e.twin.stills and any(c.effect.pair != effect.TURNS for c in in_the_stills)
     panels += [in_turns.proof_panel(e), in_stills.in_time(e) if still else _channels(e), *(() if e.shown is None else e.shown.panels)]
     names = ", ".join(claim.effect.id for claim in told)
-    return Picture(panels, f"{e.session.name}: {e.words[0]}", [*filter(None, [names]), *(claim.says for claim in told)])
+    return Picture(panels, f"{e.session.name}: {e.words[0]}", [*filter(None, [names]), *(claim.description for claim in told)])
 
 
 def _channels(e: Explanation) -> Panel:
@@ -93,7 +93,7 @@ def _channels(e: Explanation) -> Panel:
     refitted = is_refitted(e)
     fits = [("before", e.naming.first), ("after", e.naming.fit)] if refitted else [("after", e.naming.fit)]
     names = {"closure": "closure", "still": "rate in stills", "length": "gravity's length"}
-    title = "Recorded less predicted, by channel" + (", once mended" if e.mended.found and not refitted else "")
+    title = "Recorded less predicted, by channel" + (", once repaired" if e.repaired.found and not refitted else "")
     ticks = [(float(n), names[name]) for n, name in enumerate(e.own_p)]
     panel = Panel(Axis(lo=-0.6, hi=len(ticks) - 0.4, ticks=ticks), Axis("rms (sigmas)", zero=True), title).across(1.0, name="noise alone")
     width = 0.8 / len(fits)

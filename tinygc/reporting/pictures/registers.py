@@ -121,18 +121,18 @@ def one_loss(e: Explanation, claim: Claim) -> Panel:
     """Draw the loss with the largest jump: black dots as stamped, lines at the true times, rings for the filled samples."""
     count = claim.parameters["length"]
     log, row, before = max(_losses(e, claim), key=lambda loss: _jump(e, loss[0], loss[1], count))
-    read, mended = e.session.logs[log].samples, e.mended.problem.session.logs[log].samples
+    read, repaired = e.session.logs[log].samples, e.repaired.problem.session.logs[log].samples
     stamped = np.arange(max(row - before - AROUND_LOSS, 0), min(row - before + AROUND_LOSS, len(read)))
     moved_s = before * read.period_s  # shift of the later stamps by earlier losses of this log
-    whole = np.arange(max(row - AROUND_LOSS, 0), min(row + count + AROUND_LOSS, len(mended)))
-    between, zero_s = np.arange(row + 1, row + 1 + count), mended.t_s[row]
+    whole = np.arange(max(row - AROUND_LOSS, 0), min(row + count + AROUND_LOSS, len(repaired)))
+    between, zero_s = np.arange(row + 1, row + 1 + count), repaired.t_s[row]
     x = Axis(f"time from the loss at {claim.parameters['at_s'][_number(e, claim, log, row)]:.1f} s (ms)")
     panel = Panel(x, Axis("rate (dps)"), f"Where it lives: {count} samples missing, and no gap in the stamps")
-    panel.area(1e3 * (mended.t_s[[row, row + count + 1]] - zero_s), -np.inf, np.inf, "floor", is_measure=False)
+    panel.area(1e3 * (repaired.t_s[[row, row + count + 1]] - zero_s), -np.inf, np.inf, "floor", is_measure=False)
     for i, axis in enumerate("xyz"):
-        panel.line(1e3 * (mended.t_s[whole] - zero_s), mended.gyro[whole, i] / DEG, axis, name=axis)
+        panel.line(1e3 * (repaired.t_s[whole] - zero_s), repaired.gyro[whole, i] / DEG, axis, name=axis)
         panel.points(1e3 * (read.t_s[stamped] + moved_s - zero_s), read.gyro[stamped, i] / DEG, "ink", radius=1.8, name="as stamped")
-        panel.points(1e3 * (mended.t_s[between] - zero_s), mended.gyro[between, i] / DEG, axis, ring=True, name="put between")
+        panel.points(1e3 * (repaired.t_s[between] - zero_s), repaired.gyro[between, i] / DEG, axis, ring=True, name="put between")
     return panel
 
 
@@ -156,7 +156,7 @@ def closure_over_losses(e: Explanation, claim: Claim) -> Panel:
 
 def _losses(e: Explanation, claim: Claim) -> list[tuple[int, int, int]]:
     """(log, last repaired row before the loss, samples filled before it in this log) of each loss, in order."""
-    logs = [log.samples for log in e.mended.problem.session.logs]
+    logs = [log.samples for log in e.repaired.problem.session.logs]
     began = start_times(logs)[:-1]
     found: list[tuple[int, int, int]] = []
     for at_s in claim.parameters["at_s"]:
@@ -172,5 +172,5 @@ def _number(e: Explanation, claim: Claim, log: int, row: int) -> int:
 
 def _jump(e: Explanation, log: int, row: int, count: int) -> float:
     """Jump of the gyro's readings across a loss, rad/s."""
-    gyro = e.mended.problem.session.logs[log].samples.gyro
+    gyro = e.repaired.problem.session.logs[log].samples.gyro
     return float(np.linalg.norm(gyro[min(row + count + 1, len(gyro) - 1)] - gyro[row]))

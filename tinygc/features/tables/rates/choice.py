@@ -224,7 +224,7 @@ def chance(points: Points) -> float:
     stated = points.stated
     repeats = len(points) / len(np.unique(points.distinct))  # which rounding moves alike
     columns = dict(enumerate(each / sigma[:, None] for each in departures(points)))
-    return Selection(nuisance, columns, SEED, beside=(stated + repeats * points.floor, stated)).p_value(points.output / sigma)
+    return Selection(nuisance, columns, SEED, further=(stated + repeats * points.floor, stated)).p_value(points.output / sigma)
 
 
 # The other curves.

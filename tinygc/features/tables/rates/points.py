@@ -276,8 +276,8 @@ def read_points(path: Path, columns: Columns | None = None) -> tuple[list[Points
     if not found:
         raise FormatError(f"{path}: {refused[0]}")
     if others:
-        told_apart = ", ".join(printable(header[n]) for n in others)
-        remarks.append(f"Each {told_apart} is a curve with an offset of its own; leave out a column that only states conditions.")
+        separated = ", ".join(printable(header[n]) for n in others)
+        remarks.append(f"Each {separated} is a curve with an offset of its own; leave out a column that only states conditions.")
     return found, remarks + [f"{each}: left out." for each in refused]
 
 

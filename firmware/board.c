@@ -123,7 +123,7 @@ uint32_t board_microseconds(void)
         left = SYST_CVR;
     } while (before != milliseconds);
     now = 1000 * before + (CORE_HZ / 1000 - 1 - left) / (CORE_HZ / 1000000);
-    if ((last - now) > 1000u) /* not a millisecond that is not counted yet: however long ago somebody asked */
+    if ((last - now) > 1000u) /* not a millisecond that is not counted yet: however long ago the last call was */
         last = now;
     return last;
 }

@@ -34,7 +34,7 @@
 
 enum {
     DMA_ENABLE = 1u << 0,
-    DMA_TELLS = 1u << 4, /* interrupt at its end */
+    DMA_INTERRUPTS = 1u << 4, /* interrupt at its end */
     DMA_FROM_MEMORY = 1u << 6,
     DMA_MEMORY_STEPS = 1u << 10,
     DMA_URGENT = 3u << 16,

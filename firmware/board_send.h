@@ -12,7 +12,7 @@ int board_send(const uint8_t *bytes, unsigned count);
 /* Send on what waits.  Call it often; nothing else starts DMA again. */
 void board_send_on(void);
 
-/* The port at another rate behind what waits now; nobody waits for that. */
+/* The port at another rate behind what waits now; nothing waits for that. */
 void board_send_baud(uint32_t baud);
 
 #endif

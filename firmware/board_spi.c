@@ -72,7 +72,7 @@ void board_spi_start(void)
 /* It only wakes the core, so that what a burst has brought is looked at while the bus is as it was. */
 void DMA2_Stream0_Handler(void)
 {
-    DMA2_CR(RECEIVE) &= ~(uint32_t)DMA_TELLS;
+    DMA2_CR(RECEIVE) &= ~(uint32_t)DMA_INTERRUPTS;
 }
 
 void board_spi_select(int selected)
@@ -128,7 +128,7 @@ static void begin_dma(uint8_t *in, unsigned count)
     DMA2_M0AR(SEND) = (uint32_t)&ONES;
     DMA2_NDTR(RECEIVE) = DMA2_NDTR(SEND) = count;
     SPI_CR2 = BY_DMA;
-    DMA2_CR(RECEIVE) = DMA_CHANNEL(3) | DMA_URGENT | DMA_MEMORY_STEPS | DMA_TELLS | DMA_ENABLE;
+    DMA2_CR(RECEIVE) = DMA_CHANNEL(3) | DMA_URGENT | DMA_MEMORY_STEPS | DMA_INTERRUPTS | DMA_ENABLE;
     DMA2_CR(SEND) = DMA_CHANNEL(3) | DMA_FROM_MEMORY | DMA_ENABLE;
     fetching.in = in;
     fetching.began_us = board_microseconds();

@@ -35,7 +35,7 @@ enum {
 
 static enum cause cause;
 
-/* A fault's record counts once: the next reset that is asked for has nothing to do with it. */
+/* A fault's record counts once: the next requested reset has nothing to do with it. */
 static enum cause cause_of(uint32_t flags)
 {
     const bool faulty = (fault_record.known == FAULT_KNOWN) && (fault_record.fresh == 1u);

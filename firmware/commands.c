@@ -8,7 +8,7 @@
 #include "status.h"
 #include "stream.h"
 
-/* The second byte of an answer; LATER is none: it comes when the sensor has done what was asked. */
+/* The second byte of an answer; LATER is none: it comes when the sensor has done it. */
 enum result { DONE, UNKNOWN, IMPOSSIBLE, NO_SENSOR, TOO_QUICK, NOT_TAKEN, TEST_FAILED, LATER };
 
 enum { TRIAL_MS = 5000, HEAD = 3 };
@@ -22,7 +22,7 @@ static struct {
     enum port port;
     uint8_t bytes[HEAD];
     bool waits;
-} asked;
+} pending;
 
 static enum result set(const struct lsm6dsx_settings *settings)
 {
@@ -145,10 +145,10 @@ int commands_take(enum port port, const uint8_t *bytes, unsigned count)
         return 0;
     const enum result result = !length ? UNKNOWN : length != count ? IMPOSSIBLE : obey(bytes);
     if (result == LATER) {
-        asked.port = port;
-        asked.waits = true;
+        pending.port = port;
+        pending.waits = true;
         for (unsigned n = 0; n < HEAD; n++)
-            asked.bytes[n] = bytes[n];
+            pending.bytes[n] = bytes[n];
         return 1;
     }
     answer(port, bytes, result);
@@ -157,7 +157,7 @@ int commands_take(enum port port, const uint8_t *bytes, unsigned count)
         trial.began_ms = board_milliseconds();
         change_baud(get_u32(bytes + HEAD));
     } else if (result == DONE) {
-        status_say();
+        status_send();
     }
     return 1;
 }
@@ -169,12 +169,12 @@ void commands_heard(void)
 
 void commands_service(void)
 {
-    if (asked.waits && !sensor_busy()) {
-        const enum result result = (asked.bytes[0] == FRAME_TEST) ? was_tested(get_u16(&asked.bytes[1]), asked.port) : was_set();
-        asked.waits = false;
-        answer(asked.port, asked.bytes, result);
+    if (pending.waits && !sensor_busy()) {
+        const enum result result = (pending.bytes[0] == FRAME_TEST) ? was_tested(get_u16(&pending.bytes[1]), pending.port) : was_set();
+        pending.waits = false;
+        answer(pending.port, pending.bytes, result);
         if ((result == DONE) || (result == TEST_FAILED))
-            status_say();
+            status_send();
     }
     if (trial.before && board_milliseconds() - trial.began_ms >= TRIAL_MS) {
         change_baud(trial.before);

@@ -19,7 +19,7 @@ extern struct fault_record fault_record;
 /* A word at an address where some emulators have nothing, and reading is a fault: then 0. */
 uint32_t read_if_there(uint32_t address);
 
-/* Start anew.  Does not return. */
+/* Start again.  Does not return. */
 void fault_reset(void);
 
 void HardFault_Handler(void);

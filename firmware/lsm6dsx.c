@@ -24,7 +24,7 @@ void lsm6dsx_restart(struct lsm6dsx *sensor)
     sensor->set_up = false;
     sensor->starting = true;
     lsm6dsx_next(sensor, STEP_IDENTIFY);
-    sensor->asked_us = sensor->step_us;
+    sensor->requested_us = sensor->step_us;
 }
 
 /* Those that the sensor need not have noticed: registers read as none of its own, or transfers do not end. */
@@ -140,7 +140,7 @@ static unsigned take_words(struct lsm6dsx *sensor, unsigned words, unsigned bad,
     sensor->rate.samples += samples;
     if (sensor->faults[FAULT_PARITY] != parity)
         rate_gap(&sensor->rate);
-    const bool emptied = sensor->level <= words; /* else nobody knows when its last word was made: a backlog may have lost others */
+    const bool emptied = sensor->level <= words; /* else it is not known when its last word was made: a backlog may have lost others */
     const bool samples_due = (sensor->fifo.settled != 0u) && (sensor->fifo.warm != 0u);
     if ((emptied && rate_is_wrong(&sensor->rate, odr, sensor->freq_fine, sensor->burst_us, samples_due)) || never_settles(sensor))
         stand_still(sensor, FAULT_RATE);
@@ -193,7 +193,7 @@ static unsigned go_on(struct lsm6dsx *sensor, struct fifo_sample *out)
         return 0;
     sensor->burst = 0;
     sensor->bus->select(0);
-    if (!sensor->running) /* a start was asked for meanwhile */
+    if (!sensor->running) /* a start was requested meanwhile */
         return 0;
     if (result == TRANSFER_DONE)
         return take_burst(sensor, words, out);
@@ -292,7 +292,7 @@ static void start_on(struct lsm6dsx *sensor)
             sensor->overrun = false;
             run(sensor);
         }
-    } else if (!sensor->found && sensor->starting && is_unreadable(fault) && ((now_us - sensor->asked_us) < BOOT_MOST_US)) {
+    } else if (!sensor->found && sensor->starting && is_unreadable(fault) && ((now_us - sensor->requested_us) < BOOT_MOST_US)) {
         sensor->step = STEP_STANDS;
         sensor->tried_us = now_us;
         sensor->again_us = BOOT_AGAIN_US;
@@ -333,7 +333,7 @@ unsigned lsm6dsx_poll(struct lsm6dsx *sensor, struct fifo_sample *out)
         const uint32_t looked_us = sensor->bus->time();
         const unsigned words = words_due(sensor);
         if ((sensor->bus->time() - looked_us) > HELD_US)
-            return 0; /* what it says is of an unknown time: the next poll looks again */
+            return 0; /* what it holds is of an unknown time: the next poll looks again */
         sensor->burst_us = looked_us;
         forget_old_warmth(sensor, looked_us);
         if (words > 0u)

@@ -26,7 +26,7 @@ struct lsm6dsx_bus {
     /* Exchange bytes; out may be null (send 0xFF: to a sensor that has missed the address a zero would be a write), or in (what comes
      * is dropped).  TRANSFER_DONE, TRANSFER_FAILED within a millisecond (a burst: within 5), or TRANSFER_BUSY: it goes on by itself, and
      * the driver asks again with the same arguments.  Other arguments, or an end of the selection, end one that still goes on.  A target
-     * that waits never says TRANSFER_BUSY. */
+     * that waits never returns TRANSFER_BUSY. */
     int (*transfer)(const uint8_t *out, uint8_t *in, unsigned count);
     void (*select)(int selected); /* chip select; it is low where selected */
     void (*wait)(uint32_t microseconds); /* only lsm6dsx_start and lsm6dsx_self_test call it */
@@ -63,7 +63,7 @@ struct lsm6dsx {
     enum lsm6dsx_step step;
     enum fault reason; /* of standing still, or FAULTS */
     bool running;  /* whether words are to be expected; samples, once its filters have settled (fifo.settled) */
-    bool starting; /* whether a start that was asked for has neither succeeded nor failed */
+    bool starting; /* whether a requested start has neither succeeded nor failed */
     bool set_up;   /* whether its registers are those that were set, as far as we know */
     bool found;    /* whether it ever ran */
     bool failed;   /* whether a transfer failed since this was cleared; then none is made */
@@ -72,7 +72,7 @@ struct lsm6dsx {
     uint16_t level; /* words in the FIFO when it was last read */
     uint32_t burst_us, data_us;          /* when the burst began, the last one ended */
     uint32_t word_us;                    /* a word of the FIFO comes each so many */
-    uint32_t step_us, asked_us;          /* when the step began, a start was asked for */
+    uint32_t step_us, requested_us;          /* when the step began, a start was requested */
     uint32_t tried_us, again_us;         /* when a start last failed, and how long behind that comes the next */
     uint32_t unreadable_us;              /* when it stopped, or was last made readable */
     uint8_t words[FIFO_WORDS * FIFO_WORD_BYTES];
@@ -93,7 +93,7 @@ uint16_t lsm6dsx_unsettled(const struct lsm6dsx_settings *settings, int8_t freq_
 /* Forget everything; the first poll begins to look for the sensor.  No transfer. */
 void lsm6dsx_attach(struct lsm6dsx *sensor, const struct lsm6dsx_bus *bus, const struct lsm6dsx_settings *settings);
 
-/* Start it anew at the next polls, with the settings that it has by then: 26 ms from here its registers are proved and its FIFO runs,
+/* Start it again at the next polls, with the settings that it has by then: 26 ms from here its registers are proved and its FIFO runs,
  * and the first sample comes behind the unsettled slots.  starting is true until then, or until it has failed. */
 void lsm6dsx_restart(struct lsm6dsx *sensor);
 
@@ -127,7 +127,7 @@ enum fault lsm6dsx_reset_step(struct lsm6dsx *sensor);
 /* A step from STEP_IDENTIFY towards STEP_RUNS; FAULTS, LSM6DSX_IMPOSSIBLE, or what is wrong. */
 enum fault lsm6dsx_start_step(struct lsm6dsx *sensor);
 
-/* False while a burst is on its way, whose samples nobody wants any more. */
+/* False while a burst is on its way, whose samples are not wanted any more. */
 bool lsm6dsx_bus_is_free(struct lsm6dsx *sensor);
 
 /* FIFO_CTRL1 to CTRL10_C as the settings want them. */

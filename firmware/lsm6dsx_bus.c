@@ -40,6 +40,6 @@ void lsm6dsx_write(struct lsm6dsx *sensor, uint8_t address, uint8_t value)
 {
     const uint8_t out[2] = {address, value};
     sensor->bus->select(1);
-    (void)lsm6dsx_transfer(sensor, out, 0, 2); /* failed says what became of it */
+    (void)lsm6dsx_transfer(sensor, out, 0, 2); /* failed holds the result */
     sensor->bus->select(0);
 }

@@ -1,5 +1,5 @@
 /* Sources: ST's headers asm330lhh_reg.h and lsm6dso_reg.h for codes and bits, ST's Linux drivers st_asm330lhh and st_lsm6dsox for the
- * limits of the self-test.  Nobody here has read them in a data sheet: look there before a part is thrown away for them. */
+ * limits of the self-test.  They were not read in a data sheet: look there before a part is thrown away for them. */
 #include "lsm6dsx_chips.h"
 
 #include "lsm6dsx_registers.h"
@@ -44,7 +44,7 @@ static const struct lsm6dsx_code UP_TO_2000_DPS[] = {{125, 2}, {250, 0}, {500, 4
 
 static const struct lsm6dsx_chip CHIPS[] = {
     {
-        /* The same WHO_AM_I have the ASM330LHHX, ASM330LHHXG1, ASM330LHB, ISM330DHCX, LSM6DSR and LSM6DSRX: it does not say who. */
+        /* The same WHO_AM_I have the ASM330LHHX, ASM330LHHXG1, ASM330LHB, ISM330DHCX, LSM6DSR and LSM6DSRX: it does not name one. */
         .name = "ASM330LHH",
         .who = 0x6B,
         .gyro_fs_dps = UP_TO_4000_DPS,

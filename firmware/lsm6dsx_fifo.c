@@ -13,11 +13,11 @@ enum {
 static const uint32_t CLOCKS_US = 50000; /* and by this */
 static const uint32_t BACK_US = 4000000; /* that age is 3 s too high at most, at the lowest rate: so much later words may seem older */
 
-/* Ticks of a period at the highest rate.  Nobody has published what it is: 40000 / 6667 = 5.9997, or six, as both rates hang on one
+/* Ticks of a period at the highest rate.  It is not published: 40000 / 6667 = 5.9997, or six, as both rates hang on one
  * oscillator.  It is taken for six to 417 ppm. */
 static const uint64_t SHORTEST_Q32 = (59975ULL << 32) / 10000, LONGEST_Q32 = (60025ULL << 32) / 10000;
 
-/* Of a stamp, in ticks.  It names a whole tick, and may be two late or early: nobody knows how soon after its sample it is taken.  So it
+/* Of a stamp, in ticks.  It names a whole tick, and may be two late or early: how soon after its sample it is taken is not known.  So it
  * is off the middle of its tick by 2.5, two are apart as their slots are to JITTERS, and the place that is held is off by as much, and by
  * the lag of set_period.  A stamp that deviates from the place by more than STRAY is none.  CLIP is what moves the place at most, by half:
  * a spoilt stamp moves it by three quarters of a tick.  From one that deviates by more than LEARN nothing is learned: it may be spoilt. */

@@ -106,7 +106,7 @@ void fifo_temperature(struct lsm6dsx_fifo *fifo, int16_t value);
  * fewer than a slot's words behind it: then no word can be trusted, as the bytes may have slipped. */
 unsigned fifo_unknown_tag(const uint8_t *words, unsigned count);
 
-/* What a word with TAG_STAMP says, in ticks. */
+/* What a word with TAG_STAMP holds, in ticks. */
 uint32_t fifo_stamp(const uint8_t *word);
 
 /* Take a word that was made at the target's time now_us; 1 where it completes a sample. */

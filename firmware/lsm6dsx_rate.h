@@ -1,4 +1,4 @@
-/* The rate that arrives, against the one that was set: the sensor may batch at another one than its registers say. */
+/* The rate that arrives, against the one that was set: the sensor may batch at another one than its registers have. */
 #ifndef LSM6DSX_RATE_H
 #define LSM6DSX_RATE_H
 
@@ -25,7 +25,7 @@ void rate_take(struct lsm6dsx_rate *rate, const uint8_t *word, uint8_t odr);
 bool rate_steps_are_odd(const struct lsm6dsx_rate *rate);
 
 /* Whether it is another rate: at once where sixteen stamps in a row of a settled sensor are odd, or where 64 slots have none; else when a second and 64
- * periods have come.  Asked behind a burst that emptied the FIFO.  made_us: when its last word was made, by the target's clock; settled:
+ * periods have come.  Evaluated behind a burst that emptied the FIFO.  made_us: when its last word was made, by the target's clock; settled:
  * whether samples are to be expected of all that comes from here on. */
 bool rate_is_wrong(struct lsm6dsx_rate *rate, uint8_t odr, int8_t freq_fine, uint32_t made_us, bool settled);
 

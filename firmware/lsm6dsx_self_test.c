@@ -1,4 +1,4 @@
-/* The procedure is the one by which ST's own Linux drivers judge the family: the mean of five outputs without and with the force, each
+/* The procedure is the one by which the Linux drivers of ST test the family: the mean of five outputs without and with the force, each
  * 0.1 s behind the switch, 0.15 s behind a reset.  It is measured without the force once more behind it: the change is against the mean of
  * both, and where they differ the part has turned meanwhile.  The limits are in lsm6dsx_chips.c.
  *
@@ -92,7 +92,7 @@ static bool lay_still(const struct lsm6dsx_self_test *test, const struct lsm6dsx
 }
 
 /* The stages of a part are over: how far the force has moved it, and the axes that it has not moved as it should. */
-static uint16_t judge(struct lsm6dsx_self_test *test, const struct lsm6dsx_force *force, float moved[3])
+static uint16_t evaluate(struct lsm6dsx_self_test *test, const struct lsm6dsx_force *force, float moved[3])
 {
     uint16_t failed = 0;
     for (unsigned i = 0; i < 3u; i++) {
@@ -141,7 +141,7 @@ static void measure(struct lsm6dsx *sensor, struct lsm6dsx_self_test *test)
     } else if (test->taken > OUTPUTS) {
         const bool still = lay_still(test, force);
         if ((test->phase % (uint8_t)STAGES) == 2u) {
-            const uint16_t failed = judge(test, force, is_gyro(test) ? test->tested.gyro_dps : test->tested.accel_mg);
+            const uint16_t failed = evaluate(test, force, is_gyro(test) ? test->tested.gyro_dps : test->tested.accel_mg);
             test->tested.failed |= (uint16_t)(is_gyro(test) ? failed : (failed << 3));
         }
         if (!still || (test->phase == PHASES - 1))

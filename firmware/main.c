@@ -70,7 +70,7 @@ int main(void)
         }
         busy |= sensor_stream() ? 1 : 0;
         if (!looked && !sensor_busy()) {
-            status_say(); /* whose samples follow, before the first of them */
+            status_send(); /* whose samples follow, before the first of them */
             looked = true;
         }
         status_service();

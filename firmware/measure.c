@@ -2,7 +2,7 @@
  *
  * In: inputs.bin, float32 gx gy gz (rad/s) ax ay az (m/s^2) temp (degC).  Out: outputs.bin, float32 omega.  Then one line:
  * samples, nanoseconds of TIM2 in tinygc_step, nanoseconds of a thousand nops, result of the self-test.  Under -icount shift=0 an
- * instruction takes one nanosecond, so the nanoseconds are instructions, and the nops tell whether they are. */
+ * instruction takes one nanosecond, so the nanoseconds are instructions, and the nops show whether they are. */
 #include <stdint.h>
 
 #include "board.h"

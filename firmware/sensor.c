@@ -27,7 +27,7 @@ static const struct lsm6dsx_bus BUS = {board_spi_transfer, board_spi_select, boa
 
 static struct lsm6dsx sensor;
 static struct lsm6dsx_self_test self_test;
-static struct lsm6dsx_settings before; /* of the start that was asked for last */
+static struct lsm6dsx_settings before; /* of the last requested start */
 static enum fault outcome = FAULTS;
 static bool looking, setting, testing;
 
@@ -61,7 +61,7 @@ float sensor_rate_hz(void)
     return fifo_rate_hz(sensor.settings.odr, sensor.freq_fine);
 }
 
-/* A start that was asked for has ended; but a sensor that is looked for may still come, and is then set as it was to be. */
+/* A requested start has ended; but a sensor that is looked for may still come, and is then set as it was to be. */
 static void end_of_start(void)
 {
     outcome = sensor.reason;

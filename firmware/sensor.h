@@ -11,7 +11,7 @@ void sensor_start(void);
 /* Whether it has ever been found since power-up.  Then no stand-in takes its place, whatever becomes of it. */
 bool sensor_found(void);
 
-/* Whether it is looked for after power-up, 2 s at most, or whether what was asked for last goes on. */
+/* Whether it is looked for after power-up, 2 s at most, or whether the last request goes on. */
 bool sensor_busy(void);
 
 const struct lsm6dsx *sensor_state(void);

@@ -32,7 +32,7 @@ __attribute__((section(".vectors"), used)) static const vector VECTORS[16 + 82] 
     [0] = (vector)(void *)stack_top,
     [1] = Reset_Handler,
     [2] = fault_reset,       /* NMI: nothing is set to cause one */
-    [3] = HardFault_Handler, /* and with it the faults of memory, bus and usage, which nobody has enabled apart */
+    [3] = HardFault_Handler, /* and with it the faults of memory, bus and usage, which are not enabled apart */
     [15] = SysTick_Handler,
     [16 + USART1_IRQ] = USART1_Handler,
     [16 + USART2_IRQ] = USART2_Handler,

@@ -12,7 +12,7 @@ enum { EACH_MS = 1000, FAULTS_AGAIN_MS = 100 };
 /* Who gives the samples. */
 enum { FROM_STANDIN = 0, FROM_SENSOR = 1 };
 
-static uint32_t serial, rate_of_port, said_ms, faults_ms, faults_said;
+static uint32_t serial, rate_of_port, sent_ms, faults_ms, faults_sent;
 
 /* The data rate of samples that others give, as the stamps show it.  Counted from the first sample, and from each that does not follow the
  * one before. */
@@ -37,7 +37,7 @@ uint32_t status_rate_of_port(void)
     return rate_of_port;
 }
 
-static void say_info(void)
+static void send_info(void)
 {
     const struct lsm6dsx_settings *settings = &sensor_state()->settings;
     const bool sensor = sensor_found();
@@ -51,7 +51,7 @@ static void say_info(void)
     (void)stream_frame(HOST, &frame);
 }
 
-static void say_board(void)
+static void send_board(void)
 {
     const struct lsm6dsx *sensor = sensor_state();
     struct frame frame;
@@ -80,7 +80,7 @@ static uint32_t all_faults(void)
     return sum;
 }
 
-static void say_faults(void)
+static void send_faults(void)
 {
     struct frame frame;
     frame_begin(&frame, FRAME_FAULTS, stream_sequence());
@@ -89,16 +89,16 @@ static void say_faults(void)
     frame_u32(&frame, stream_crowded_out()); /* firmware 1.0 ended here */
     frame_u32(&frame, sensor_state()->faults[FAULT_RATE]);
     if (stream_frame(HOST, &frame))
-        faults_said = all_faults();
+        faults_sent = all_faults();
     faults_ms = board_milliseconds();
 }
 
-void status_say(void)
+void status_send(void)
 {
-    said_ms = board_milliseconds();
-    say_info();
-    say_board();
-    say_faults();
+    sent_ms = board_milliseconds();
+    send_info();
+    send_board();
+    send_faults();
 }
 
 void status_service(void)
@@ -106,10 +106,10 @@ void status_service(void)
     const uint32_t now_ms = board_milliseconds();
     if (!sensor_found())
         return;
-    if (now_ms - said_ms >= EACH_MS)
-        status_say();
-    else if (now_ms - faults_ms >= FAULTS_AGAIN_MS && all_faults() != faults_said)
-        say_faults();
+    if (now_ms - sent_ms >= EACH_MS)
+        status_send();
+    else if (now_ms - faults_ms >= FAULTS_AGAIN_MS && all_faults() != faults_sent)
+        send_faults();
 }
 
 void status_pace(uint32_t t_us)
@@ -124,6 +124,6 @@ void status_pace(uint32_t t_us)
     if (pace.samples == second)
         pace.odr_hz = (float)second * 1e6f / (float)(t_us - pace.first_us);
     if (pace.samples % second == 0)
-        status_say();
+        status_send();
     pace.samples++;
 }

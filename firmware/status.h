@@ -11,12 +11,12 @@ void status_baud(uint32_t baud);
 uint32_t status_rate_of_port(void);
 
 /* All three frames. */
-void status_say(void);
+void status_send(void);
 
 /* Those that are due: all once a second, faults soon after a count has risen. */
 void status_service(void);
 
-/* Without a sensor: a sample with this stamp comes.  Its kind says the rate that the stamps show, once a second of samples. */
+/* Without a sensor: a sample with this stamp comes.  Its kind gives the rate that the stamps show, once a second of samples. */
 void status_pace(uint32_t t_us);
 
 #endif

@@ -1,4 +1,4 @@
-"""Build the firmware, and run it under QEMU.  ``tools_missing`` says what is not installed; everything else expects the tools."""
+"""Build the firmware, and run it under QEMU.  ``tools_missing`` names what is not installed; everything else expects the tools."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Sizes(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """rates (N, 3) float32 rad/s; instructions a sample, with the loop around it; per_nop, which tells whether they are instructions;
+    """rates (N, 3) float32 rad/s; instructions a sample, with the loop around it; per_nop, which shows whether they are instructions;
     self_test: 0 where it passed; exact: whether no bit of its answers differed."""
 
     rates: np.ndarray

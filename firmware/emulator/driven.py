@@ -1,4 +1,4 @@
-"""The driver's own program beside a sensor whose every sample is known: what was streamed, what was made."""
+"""The driver's own program next to a sensor whose every sample is known: what was streamed, what was made."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def numbered(clock_hz: float) -> Motion:
 @dataclass(frozen=True)
 class Verdict:
     """streamed; missing: settled samples of the sensor, from the first that was streamed to the last, or to ``LATENCY_S`` before the end
-    where it is later, that were not; said_lost: numbers that the stream leaves out; doubled: streamed once more; falsified: streamed
+    where it is later, that were not; skipped: numbers that the stream leaves out; doubled: streamed once more; falsified: streamed
     samples that the sensor did not make, or at another time; unsettled: that it made before it had settled.
 
     odr_hz: as the stamps show it; true_hz.
@@ -53,7 +53,7 @@ class Verdict:
 
     streamed: int
     missing: int
-    said_lost: int
+    skipped: int
     doubled: int
     falsified: int
     unsettled: int
@@ -80,7 +80,7 @@ class Driven:
         self.counts = dict.fromkeys(FAULTS, 0)
         self.tested: list[Event] = []
         self._rest, self._frames, self._from_standin = b"", list[bytes](), False
-        self._asked, self.answers = 0, {}
+        self._number, self.answers = 0, {}
         self.made_up = 0
 
     def run(self, seconds: float) -> None:
@@ -96,7 +96,7 @@ class Driven:
             self._keep(data)
 
     def _keep(self, data: bytes) -> None:
-        """Keep the sensor's sample frames as they are: the decoder does not tell their numbers."""
+        """Keep the sensor's sample frames as they are: the decoder does not return their numbers."""
         *whole, self._rest = (self._rest + data).split(b"\0")
         for frame in whole:
             if len(frame) != frames.SAMPLE_BYTES:
@@ -123,12 +123,12 @@ class Driven:
 
     def ask(self, command: int, *values: float, within_s: float = 4.0) -> None:
         """Send a command; RuntimeError where the board does not obey."""
-        self._asked += 1
-        self.machine.usart1.feed(frames.encode_command(command, self._asked, *values))
+        self._number += 1
+        self.machine.usart1.feed(frames.encode_command(command, self._number, *values))
         end_s = self.t_s + within_s
-        while self._asked not in self.answers and self.t_s < end_s:
+        while self._number not in self.answers and self.t_s < end_s:
             self.run(0.05)
-        if (result := self.answers.get(self._asked)) != frames.DONE:
+        if (result := self.answers.get(self._number)) != frames.DONE:
             raise RuntimeError(f"command 0x{command:02X} {values}: result {result}")
 
     @property
@@ -145,7 +145,7 @@ class Driven:
         """Of what was streamed since ``forget``."""
         bodies, whole = frames.decode_blocks(np.frombuffer(b"".join(self._frames), np.uint8).reshape(len(self._frames), -1))
         streamed = np.ascontiguousarray(bodies[whole]).view(frames.SAMPLE).ravel()
-        found = judged(streamed, self.sensor.kept, self.t_s - LATENCY_S, self.clock_hz, self.silicon)
+        found = compared(streamed, self.sensor.kept, self.t_s - LATENCY_S, self.clock_hz, self.silicon)
         return replace(found, falsified=found.falsified + int(np.count_nonzero(~whole)))
 
     @property
@@ -154,7 +154,7 @@ class Driven:
         return [*self.machine.bus.objections, *self.sensor.objections]
 
 
-def judged(streamed: np.ndarray, kept: list[Made], until_s: float, clock_hz: float, silicon: Silicon) -> Verdict:
+def compared(streamed: np.ndarray, kept: list[Made], until_s: float, clock_hz: float, silicon: Silicon) -> Verdict:
     """Samples of the stream, ``frames.SAMPLE``, against all that a sensor with a numbered motion made; until_s: what was made later may
     still be on its way."""
     got = streamed["registers"]
@@ -177,7 +177,7 @@ def judged(streamed: np.ndarray, kept: list[Made], until_s: float, clock_hz: flo
     place = place[once]
     numbers = np.diff(streamed["sequence"][once].astype(np.int64)) % 2**16
     numbers += np.rint((np.diff(place) - numbers) / 2**16).astype(np.int64) * 2**16  # the number has 16 bits
-    # By how much each stamp is off against the middle of its run, which ends only where the sensor's clock of samples began anew.
+    # By how much each stamp is off against the middle of its run, which ends only where the sensor's clock of samples began again.
     off_us = t_us[once] - 1e6 * made_s[place]
     for run in np.unique(grid[place]):
         off_us[grid[place] == run] -= np.median(off_us[grid[place] == run])
@@ -187,7 +187,7 @@ def judged(streamed: np.ndarray, kept: list[Made], until_s: float, clock_hz: flo
     return Verdict(
         streamed=len(got),
         missing=int(count - np.count_nonzero(once)),
-        said_lost=int(np.sum(numbers - 1)),
+        skipped=int(np.sum(numbers - 1)),
         doubled=int(np.count_nonzero(doubled)),
         falsified=int(np.count_nonzero(wrong) + np.count_nonzero(mistimed)),
         unsettled=int(np.count_nonzero(unsettled)),

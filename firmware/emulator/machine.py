@@ -49,7 +49,7 @@ class Iwdg:
     """A counter of the low-speed oscillator; expire: called when it reaches its end.  A new prescaler or reload value counts from the next
     reload on.
 
-    running: whether it was started, which only a reset undoes; longest_s: the longest time between two reloads.
+    running: whether it was started, which only a reset ends; longest_s: the longest time between two reloads.
     """
 
     def __init__(self, clock: CycleClock, lsi_hz: float, expire: Callable[[], None], object_to: Callable[[str], None]):
@@ -94,9 +94,9 @@ class Iwdg:
 class Machine:
     """An STM32F405 with the program of an ELF file, after reset.
 
-    device: on the SPI; stalls: (at_s, lasts_s), times in which the core stops, as with a debugger, while everything else continues;
+    device: on the SPI; stalls: (at_s, duration_s), times in which the core stops, as with a debugger, while everything else continues;
     lsi_hz: low-speed oscillator, which the watchdog counts.  hard_faults: whether a fault of the core enters its handler, without its cause
-    in the registers; else it ends the run, and says where.
+    in the registers; else it ends the run, and names the place.
 
     usart1, usart2: the ports; resets: number of resets, by the program or by its watchdog, and watchdog_resets: those by the watchdog;
     slept: cycles in ``wfi``; locked_up: whether the core stands still since a fault within its handler.
@@ -114,11 +114,11 @@ class Machine:
         self.bus, self.clock = Bus(), CycleClock(CYCLES_PER_INSTRUCTION)
         self.cpu = Cpu(self._read, self._write)
         self.clock.executed, self.clock.replan = self.cpu.executed, self._replan
-        self._stalls = sorted((at_s * CORE_HZ, (at_s + lasts_s) * CORE_HZ) for at_s, lasts_s in stalls)
+        self._stalls = sorted((at_s * CORE_HZ, (at_s + duration_s) * CORE_HZ) for at_s, duration_s in stalls)
         self._segments = segments(elf)
         self.cpu.set_memory(UNIQUE_ID, UID)
         self.resets, self.watchdog_resets, self.slept = 0, 0, 0.0
-        self._end, self._reset_asked, self._lsi_hz, self._hard_faults = 0.0, 0, lsi_hz, hard_faults
+        self._end, self._reset_cause, self._lsi_hz, self._hard_faults = 0.0, 0, lsi_hz, hard_faults
         self._power_up(POWER_UP)
 
     def _power_up(self, cause: int) -> None:
@@ -141,11 +141,11 @@ class Machine:
         self.cpu.reset()
 
     def _ask_reset(self, cause: int) -> None:
-        self._reset_asked = cause
+        self._reset_cause = cause
         self.cpu.limit(0)
 
     def _reset(self) -> None:
-        cause, self._reset_asked = self._reset_asked, 0
+        cause, self._reset_cause = self._reset_cause, 0
         self.resets += 1
         self.watchdog_resets += cause == WATCHDOG_RESET
         before = self.usart1, self.usart2
@@ -188,7 +188,7 @@ class Machine:
         self._end = t_s * CORE_HZ
         while clock.now() < self._end:
             clock.fire()
-            if self._reset_asked:
+            if self._reset_cause:
                 self._reset()
             if self._stalls and self._stalls[0][0] <= clock.now():
                 passed = self._let_pass(self._stalls[0][1])

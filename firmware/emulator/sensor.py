@@ -94,19 +94,19 @@ KINDS = (*PORT_KINDS, *WORD_KINDS, "reset", "register", "rate", "late", "identit
 class Fault:
     """One fault at ``at_s`` of the sensor's time.
 
-    zeros, ones   its line reads 0x00 or 0xFF for ``lasts_s``; writes arrive
-    hang          it neither receives nor answers for ``lasts_s`` (reads 0xFF), and continues to measure
+    zeros, ones   its line reads 0x00 or 0xFF for ``duration_s``; writes arrive
+    hang          it neither receives nor answers for ``duration_s`` (reads 0xFF), and continues to measure
     parity, tag_unknown, missing   the next word of the FIFO has a false parity, a tag that is none, or never comes
     reset         it restarts by itself
     register      the bits ``mask`` of the register ``address`` flip by themselves
-    rate          words are batched at half the rate for ``lasts_s``, and the registers read as they were set
+    rate          words are batched at half the rate for ``duration_s``, and the registers read as they were set
     late          it answers for the first time at that moment after power-up
-    identity      WHO_AM_I reads another part's for ``lasts_s``
+    identity      WHO_AM_I reads another part's for ``duration_s``
     """
 
     kind: str
     at_s: float
-    lasts_s: float = NEVER
+    duration_s: float = NEVER
     address: int = FIFO_CTRL4
     mask: int = 1 << 6  #: the timestamps in the FIFO cease
 
@@ -114,7 +114,7 @@ class Fault:
         assert self.kind in KINDS
 
     def holds(self, t_s: float) -> bool:
-        return self.at_s <= t_s < self.at_s + self.lasts_s
+        return self.at_s <= t_s < self.at_s + self.duration_s
 
 
 @dataclass(frozen=True)
@@ -131,7 +131,7 @@ class Oscillator:
 
 class Made(NamedTuple):
     """One sample: its true time, the 14 bytes of the output registers, which sensor was not settled, and the number of its grid: the clock
-    of samples begins anew where both sensors were off, as behind each start-up and reset."""
+    of samples begins again where both sensors were off, as behind each start-up and reset."""
 
     t_s: float
     registers: bytes

@@ -83,10 +83,10 @@ void print_header() {
 }
 
 void loop() {
-  static unsigned long said_ms = millis(), header_ms = said_ms - HEADER_MS;
+  static unsigned long sent_ms = millis(), header_ms = sent_ms - HEADER_MS;
   const unsigned count = lsm6dsx_poll(&sensor, samples);
-  if (!sensor.running && millis() - said_ms >= 1000) {
-    said_ms = millis();
+  if (!sensor.running && millis() - sent_ms >= 1000) {
+    sent_ms = millis();
     Serial.print("# no sensor runs: look at CS, SCK, SDI, SDO, 3.3 V, GND, and its ranges; WHO_AM_I reads ");
     Serial.println(sensor.who);
   }

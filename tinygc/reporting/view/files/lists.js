@@ -34,8 +34,8 @@ function listChoice() {
   if (out || !each.problem) place.append(" ", button(out ? "take it back" : "leave it out", () => toggle(seen.choice), { id: "toggle" }));
   if (kind !== "still" || out) return;
   const ends = seen.edge?.ends ?? [each.from_s, each.to_s];
-  const fields = ends.map((end, i) => made("input", { type: "number", step: "0.01", value: end.toFixed(3), ariaLabel: ["from, s", "to, s"][i] }));
-  const form = made("form", {}, "from ", fields[0], " to ", fields[1], " s ", made("button", { textContent: "use these ends" }));
+  const fields = ends.map((end, i) => made("input", { type: "number", step: "0.005", value: end.toFixed(3), ariaLabel: ["from, s", "to, s"][i] }));
+  const form = made("form", { noValidate: true }, "from ", fields[0], " to ", fields[1], " s ", made("button", { textContent: "use these ends" }));
   form.addEventListener("submit", event => {
     event.preventDefault();
     moveStill(number, fields.map(field => Number(field.value)));

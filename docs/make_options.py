@@ -64,14 +64,21 @@ MOST_WORDS = 9
 BEGIN, END = "<!-- made by docs/make_options.py -->\n", "<!-- end -->"
 
 
-def rows(kind: Any) -> Iterator[str]:
-    """A row for each option of a record that stands in no table of its shared ones."""
-    shared = {each.name for base in SHARED if base is not kind and issubclass(kind, base) for each, _ in declared(base)}
-    for each, rule in declared(kind):
-        if rule.cli and (each.name not in shared or each.name in inspect.get_annotations(kind)):
-            value = metavar(each, rule)
-            name = value or each.name.upper() if rule.positional else f"{flag(kind, each.name)} {value}".strip()
-            yield f"- `{name}`: {brief(help_of(each, rule))}"
+def rows(*kinds: Any) -> Iterator[str]:
+    """A row for each usual option of these records that stands in no list of its shared ones, and one that names the others."""
+    rare = []
+    for kind in kinds:
+        shared = {each.name for base in SHARED if base is not kind and issubclass(kind, base) for each, _ in declared(base)}
+        for each, rule in declared(kind):
+            if rule.cli and (each.name not in shared or each.name in inspect.get_annotations(kind)):
+                value = metavar(each, rule)
+                name = value or each.name.upper() if rule.positional else f"{flag(kind, each.name)} {value}".strip()
+                if rule.rare:
+                    rare.append(f"`{name}`")
+                else:
+                    yield f"- `{name}`: {brief(help_of(each, rule))}"
+    if rare:
+        yield f"- more: {', '.join(rare)}"
 
 
 def brief(text: str) -> str:
@@ -97,7 +104,7 @@ def commands_text() -> str:
         module: Any = command_module(name)
         kinds = [module.Options, *features.each(f"options of {name}")]
         shared = [called for base, called in SHARED.items() if issubclass(module.Options, base) and base is not Command]
-        own = [row for kind in kinds for row in rows(kind)]
+        own = [*rows(*kinds)]
         links = ", ".join(f"[{each}](#{each.lower().replace(' ', '-')})" for each in shared)
         also = f" Also: {links}." if shared else ""
         lines += [f"### {name}", "", f"{summary[0].upper()}{summary[1:]}.{also}", "", *own, *[""] * bool(own)]

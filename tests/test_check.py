@@ -118,8 +118,8 @@ SETTINGS = [
     ({"model": "another", "odr_hz": 120.0}, {}, "sample rate", "warning", "how far this sensor's clock may be off is not known"),
     ({"gyro_fs_dps": 250}, {"gyro_fs_dps": "500"}, "full scale", "error", "gyro_fs_dps=500"),
     ({}, {"serial": "other"}, "serial", "warning", ""),
-    ({"gyro_noise_mdps_rthz": 1.0}, {}, "gyro noise", "warning", "session.toml says 1"),
-    ({"gyro_noise_mdps_rthz": 100.0}, {}, "gyro noise", "note", "session.toml says 100"),
+    ({"gyro_noise_mdps_rthz": 1.0}, {}, "gyro noise", "warning", "session.toml has 1"),
+    ({"gyro_noise_mdps_rthz": 100.0}, {}, "gyro noise", "note", "session.toml has 100"),
     ({"model": "another"}, {}, "zero-rate level", "note", "not known"),
     ({"model": "BMI088"}, {}, "gyro noise", "note", "not known"),  # whose figures are remembered, not read
 ]

@@ -98,8 +98,8 @@ def test_the_readings_tell_stamps_that_err_from_samples_that_were_uneven(rate_hz
     jitter_s = np.abs(rng.normal(0, 0.1 / rate_hz, len(true_s)))
     late = stamp_errors(of(true_s + jitter_s, moving(true_s)), 5.0)
     uneven = stamp_errors(of(true_s + jitter_s, moving(true_s + jitter_s)), 5.0)
-    assert late.told
-    assert uneven.told
+    assert late.resolved
+    assert uneven.resolved
     assert late.share == pytest.approx(1, abs=4 * late.sigma + 0.01)
     assert uneven.share == pytest.approx(0, abs=4 * uneven.sigma + 0.01)
     assert late.scatter_s == pytest.approx(jitter_s.std(), rel=0.02)
@@ -114,7 +114,7 @@ def test_a_clock_that_wanders_slowly_does_not_scatter_and_one_that_rounds_does()
     assert rounds.scatter_s == pytest.approx(1e-3 / np.sqrt(12), rel=0.02)
     assert rounds.share == pytest.approx(1, abs=0.1)
     unmoved = stamp_errors(of(np.rint(true_s * 1e3) / 1e3, moving(true_s) * 0), 5.0)
-    assert not unmoved.told
+    assert not unmoved.resolved
     assert unmoved.share == pytest.approx(1, abs=0.05)  # what the grid makes is error, whatever the readings tell
 
 

@@ -18,7 +18,7 @@ from session.detect.stills import Still
 from session.log.config import Accelerometer
 from session.log.samples import Samples, start_times
 
-# The nine numbers of a triad of accelerometers, and which of them a recording can tell.
+# The nine numbers of a triad of accelerometers, and which of them a recording can determine.
 #
 # The force is f = M (m - b), M upper triangular: the triad itself defines the body frame, x along the sensor's x axis, y in the plane
 # of its x and y.  A full matrix, as another program may give it, is such a triangle behind a frame of its own: f = T (M0 (m - b0) - d).
@@ -108,18 +108,18 @@ def units(gravity_mps2: float) -> np.ndarray:
 # Numbers of an accelerometer from the lengths of gravity: in each still it reads the same, however it lies.
 #
 # Length alone fixes the sensor's own axes only up to a turn, so the matrix is upper triangular (``parameters.py``).  As many numbers are
-# fitted as the attitudes tell apart.
+# fitted as the attitudes can separate.
 
 APART_RAD = 10 * DEG  #: stills nearer than this are one attitude
 #: m/s^2 of a number's error for one m/s^2 in every attitude.  The public recordings reach 0.9 to 1.6, 20 random attitudes 1.6, 20 in
 #: one half of the sphere 9; attitudes all about one axis reach thousands
 WORST_GAIN = 10.0
-FIRST_BAR = 0.01  #: of gravity: what a still may miss before it counts less, until the stills themselves say how far they miss
+FIRST_BAR = 0.01  #: of gravity: what a still may miss before it counts less, until the stills themselves show how far they miss
 BAR_SIGMAS = 2.0
 LEAST_BAR = 1e-7  #: of gravity; below any noise, and above rounding
 ROUNDS, STEPS, SETTLED = 20, 30, 0.01
 SMALLEST_STEP = 1e-10
-#: m/s^2: what a MEMS accelerometer wanders by within minutes: with no stills to spare, their scatter says nothing
+#: m/s^2: what a MEMS accelerometer wanders by within minutes: with no stills to spare, their scatter shows nothing
 WANDERS_MPS2 = 0.05 * MG
 
 
@@ -203,7 +203,7 @@ class LengthFit:
     """accelerometer, from what was measured; x (9,): the correction that it is of the one before; covariance (9, 9) of x, SI; rung: which
     numbers were fitted, None where the attitudes fix none; attitudes that lie apart; weight (S,) of each still, 1 for a good one;
     before, after (S,) m/s^2: by how much each length misses gravity's; sigma_mps2 of one still; unobserved: names of numbers that these
-    attitudes do not tell; drift of the zero, where the stills' times are given and enough stills are to spare.
+    attitudes do not determine; drift of the zero, where the stills' times are given and enough stills are to spare.
 
     The covariance counts what the rung leaves alone, of its spread beforehand: in few attitudes it passes for the numbers that are fitted.
     """
@@ -327,10 +327,10 @@ def _covariance(rung: Ladder, columns: np.ndarray, sigma: float, gravity_mps2: f
 def _with_drift(
     rung: Ladder, constant: np.ndarray, bar: float, force: np.ndarray, gravity_mps2: float, share: np.ndarray
 ) -> tuple[_Fitted, float, int] | None:
-    """The fit with a drift besides, Fisher's F against none, and the degrees of freedom left; constant (9,) and its bar: the fit without.
+    """The fit with a drift, Fisher's F against none, and the degrees of freedom left; constant (9,) and its bar: the fit without a drift.
 
-    Few stills scatter less about a robust fit than they err.  So both fits have the same weights: a still counts less where it misses
-    both by as much as ``bar``.
+    Few stills scatter less about a robust fit than their errors are.  So both fits have the same weights: a still counts less where it
+    misses both by as much as ``bar``.
     """
     # The same numbers and a drift of the zero: directions (12, K + 3).
     directions = np.zeros((PARAMETERS + DRIFTS, rung.count + DRIFTS))
@@ -451,7 +451,7 @@ def _gain(design: np.ndarray) -> float:
 
 
 def times_of(stills: Sequence[Sequence[Still]], samples: Sequence[Samples]) -> tuple[np.ndarray, float]:
-    """(S,) s of the session at the middles of the stills of each log, and s that the session lasts; logs follow each other."""
+    """(S,) s of the session at the middles of the stills of each log, and s that the session takes; logs follow each other."""
     began = start_times(samples)
     middles = [began[log] + still.start_s + still.duration_s / 2 for log, own in enumerate(stills) for still in own]
     return np.array(middles), float(began[-1])

@@ -30,9 +30,9 @@ from session.log.sensors import Profile
 BLOCKS_S = (0.05, 0.025, 0.0125)  #: a hand turns by some degrees in the first; the others are for the fastest turns
 LAG_BLOCKS = 5  #: 0.25 s: gravity has moved by more than the tremor of a hand shakes it, and not yet round a corner
 ROUND_A_CORNER = 1.2  #: of gravity's unit vector: where it moves farther in a lag, in a tenth of them, the blocks are too long
-LEAST_TILT_RAD = 20 * DEG  #: a turn that moves gravity by less says little of axes
+LEAST_TILT_RAD = 20 * DEG  #: a turn that moves gravity by less shows little of the axes
 LEAST_PATH_RAD = 90 * DEG  #: gravity's movement in all turns together
-LEAST_TURNS = 3  #: from still to still, to tell axes and to sharpen the scale
+LEAST_TURNS = 3  #: from still to still, to identify axes and to sharpen the scale
 #: orders that close best at their own coarse scale, of which each is sharpened; the right one is the first or second of all recordings
 SHARPENED = 4
 #: an order fits, too, where it misses the ends by so many times as much as the best, or by that share of the turn.  Of 48 sessions with
@@ -249,8 +249,8 @@ NUDGE = 1e-4
 
 
 def share_of_stretch(samples: Samples, between: Sequence[Ends], off: Sequence[float]) -> tuple[float, float] | None:
-    """How much of a relative factor ``off`` on the rate of each turn gravity asks for, beside the nine numbers of a linear calibration, and
-    the sigma; None where the turns are too few.  between: the stills of each turn."""
+    """How much of a relative factor ``off`` on the rate of each turn gravity asks for, next to the nine numbers of a linear calibration,
+    and the sigma; None where the turns are too few.  between: the stills of each turn."""
     size = max(1, round(BLOCKS_S[-1] / samples.period_s))
     parts = [(part, each) for (a, b), each in zip(between, off, strict=True) if (part := _blocks(samples, a, b, size)) is not None]
     unknown = 10
@@ -281,7 +281,7 @@ def _closures(turns: Turns, factors: np.ndarray) -> np.ndarray:
 
 def _carried(turns: Turns, factors: np.ndarray, last: bool = True) -> np.ndarray:
     """Gravity's direction (F, S, 3) at the end of each turn, carried by the rates from the first still; (F, S, B, 3) after each block where
-    not the last alone is asked for."""
+    not the last alone is requested."""
     angle = np.einsum("fij,sbj->fsbi", factors, turns.angle)
     half = np.sqrt(np.sum(angle**2, axis=-1, keepdims=True)) / 2
     turned = rotation.accumulate(np.concatenate([np.cos(half), angle * (np.sinc(half / np.pi) / 2)], axis=-1))
@@ -299,7 +299,7 @@ CLEARLY = 0.5  #: another order of axes must halve what is unexplained
 EXPLAINED = 0.5  #: of gravity's movement, or the axes are not reported
 SCALE_OK = 0.05  #: a gyro's sensitivity tolerance, misalignment and this coarse look together
 NAMED_WITHIN = 0.05
-ENDS_ALONE = 8  #: turns from still to still that tell axes where a hand's pushes hide gravity within them
+ENDS_ALONE = 8  #: turns from still to still that identify axes where a hand's pushes hide gravity within them
 CLOSES_WITHIN = 0.10  #: of the angle turned: beyond what tolerances and misalignment of some percent leave
 #: ST's sensitivity against full scale / 2^15, which most other makers have: 17.5 mdps for 500 dps / 32768, the same for all ranges
 ST_OVER_FULL_SCALE = 17.5e-3 * 32768 / 500
@@ -318,24 +318,24 @@ def check_axes(log: Log, samples: Samples, between: Sequence[Ends], config: Conf
     where = log.path.name
     found = agreement(samples, [], between)
     if found is None:
-        says = "gravity hardly moves in the sensor, or all turns hold gaps: it cannot test the gyro's axes and units"
-        return [Finding("note", where, "gyro against gravity", says, "turn about horizontal axes as well")]
+        text = "gravity hardly moves in the sensor, or all turns hold gaps: it cannot test the gyro's axes and units"
+        return [Finding("note", where, "gyro against gravity", text, "turn about horizontal axes as well")]
     turns = f"{found.turns} turn{'s' if found.turns > 1 else ''} of {found.turned / DEG:.0f} deg"
     unclosed = np.isfinite(found.residual) and found.residual > CLOSES_WITHIN * found.turned
     # A hand that pushes hides gravity within a turn.  Enough ends are no chance of 48 orders.
     closes = found.ends >= ENDS_ALONE and not unclosed
     if (found.misfit > EXPLAINED and not closes) or unclosed:
-        says = f"{turns}: gravity's movement is explained to {1 - found.misfit:.0%} (bar {EXPLAINED:.0%})"
+        text = f"{turns}: gravity's movement is explained to {1 - found.misfit:.0%} (bar {EXPLAINED:.0%})"
         if unclosed:
-            says += f", and missed by {found.residual / DEG:.1f} deg at the end (bar {CLOSES_WITHIN:.0%} of the turn)"
+            text += f", and missed by {found.residual / DEG:.1f} deg at the end (bar {CLOSES_WITHIN:.0%} of the turn)"
         do = "are gyro and accelerometer of one board, with one clock? are samples lost, does the gyro clip?"
-        says += ", whatever the order, signs and scale of the gyro's axes"
-        return [Finding("warning", where, "gyro against gravity", says, do)]
+        text += ", whatever the order, signs and scale of the gyro's axes"
+        return [Finding("warning", where, "gyro against gravity", text, do)]
     axes = _axes_finding(where, found, turns)
     return [axes] if found.others else [axes, _scale_finding(log, found, turns, config)]
 
 
-#: share of what the rates say that gravity moves at least: an accelerometer that follows is off by some per cent
+#: share of gravity's movement by the rates, at least: an accelerometer that follows is off by some per cent
 FOLLOWS = 0.1
 
 
@@ -366,23 +366,23 @@ def _axes_finding(where: str, found: AxesAgreement, turns: str) -> Finding:
     other = (found.axes != np.eye(3)).any() if has_ends else found.misfit < CLEARLY * found.identity_misfit
     if not other:
         return Finding("ok", where, "axes", f"the gyro explains gravity's movement to {1 - found.identity_misfit:.0%}{ends} ({turns})")
-    says = f"explains gravity's movement to {1 - found.misfit:.0%}{ends}, as logged to {1 - found.identity_misfit:.0%}"
-    says += f" and {found.identity_residual / DEG:.2f} deg" if np.isfinite(found.identity_residual) else ""
+    text = f"explains gravity's movement to {1 - found.misfit:.0%}{ends}, as logged to {1 - found.identity_misfit:.0%}"
+    text += f" and {found.identity_residual / DEG:.2f} deg" if np.isfinite(found.identity_residual) else ""
     if found.others:
         orders = [_axes_in_words(axes) for axes in (found.axes, *found.others)]
-        says = f"not as logged: {' - or: '.join(orders[:2])}: {says} ({turns}); {len(orders)} orders fit alike, and none is chosen"
-        return Finding("error", where, "axes", says, "turn about the third axis as well; correct the columns where the log is written")
-    says = f"{_axes_in_words(found.axes)}: {says} ({turns})"
+        text = f"not as logged: {' - or: '.join(orders[:2])}: {text} ({turns}); {len(orders)} orders fit alike, and none is chosen"
+        return Finding("error", where, "axes", text, "turn about the third axis as well; correct the columns where the log is written")
+    text = f"{_axes_in_words(found.axes)}: {text} ({turns})"
     gyro = Correction(_axes_in_words(found.axes), "gyro", axes=_rows(found.axes))
     do = "correct the columns or their signs where the log is written; a rotation of the board cannot do this"
     if np.linalg.det(found.axes) < 0:
-        return Finding("error", where, "axes", says, do, (gyro,))
+        return Finding("error", where, "axes", text, do, (gyro,))
     # A gyro mirrored alone is the gyro's fault; a turned one can be the accelerometer's: d' = det(Q) d x Q'm if d is Q d.  Gravity's sign
     # does not show (d and -d move alike), so of Q and -Q the one that changes less is named.
     axes = max((found.axes.T, -found.axes.T), key=np.trace)
     other = _axes_in_words(axes).replace("gyro", "accelerometer").replace("; its triad is left-handed", "")
     do = f"correct the columns where the log is written; or it is the accelerometer: {other}"
-    return Finding("error", where, "axes", says, do, (gyro, Correction(other, "accel", axes=_rows(axes))))
+    return Finding("error", where, "axes", text, do, (gyro, Correction(other, "accel", axes=_rows(axes))))
 
 
 def _axes_in_words(axes: np.ndarray) -> str:
@@ -417,26 +417,26 @@ def _scale_finding(log: Log, found: AxesAgreement, turns: str, config: Config) -
     where = log.path.name
     # By gravity within the turns alone, twice what a hand's pushes usually make of it.
     k, bar = found.scale, SCALE_OK if found.scale_std <= SCALE_OK else 2 * found.scale_std
-    says = f"gravity requires rates x {k:.3g} (bar 1 ± {bar:g}, {turns})"
+    text = f"gravity requires rates x {k:.3g} (bar 1 ± {bar:g}, {turns})"
     if abs(k - 1) <= bar:
-        return Finding("ok", where, "gyro scale", says)
+        return Finding("ok", where, "gyro scale", text)
     step_mdps = min(smallest_step(axis) for axis in log.samples.gyro.T) / MDPS
     mistakes, within = _mistakes(config.sensor, log.raw, step_mdps), max(NAMED_WITHIN, found.scale_std)
     nearest = min(mistakes, key=lambda factor: abs(np.log(k / factor)))
     if abs(np.log(k / nearest)) <= within:
         causes = [_scale_correction(factor, config.sensor, log.raw) for factor in mistakes if abs(np.log(k / factor)) <= within]
         counted = [_counted_at(nearest, config.sensor)] if log.counted else []
-        return Finding("error", where, "gyro scale", says, mistakes[nearest], tuple(each for each in [*causes, *counted] if each))
+        return Finding("error", where, "gyro scale", text, mistakes[nearest], tuple(each for each in [*causes, *counted] if each))
     profile, rate_hz = config.sensor.profile, config.sensor.odr_hz / k
     near = profile.nearest_hz(rate_hz) if log.counted and profile is not None else None
     level = "error" if abs(np.log(k)) > np.log(1.2) else "warning"
     explained = near is not None and abs(near / rate_hz - 1) <= within
     rates = (_counted_at(config.sensor.odr_hz / near, config.sensor),) if near is not None and explained else ()
-    return Finding(level, where, "gyro scale", says, "no usual mistake has this factor; are the stamps the device's own time?", rates)
+    return Finding(level, where, "gyro scale", text, "no usual mistake has this factor; are the stamps the device's own time?", rates)
 
 
 def _scale_correction(factor: float, sensor: Sensor, raw: bool) -> Correction | None:
-    """What undoes a usual mistake by its factor; None where no setting of the sensor can."""
+    """What reverses a usual mistake by its factor; None where no setting of the sensor can."""
     full_scale = factor * sensor.gyro_fs_dps
     power = float(np.log2(factor)).is_integer()
     if raw:
@@ -448,11 +448,11 @@ def _scale_correction(factor: float, sensor: Sensor, raw: bool) -> Correction | 
             settings.append(("gyro_mdps_per_lsb", factor * sensor.gyro_mdps_per_lsb))
         return Correction(f"gyro_fs_dps is {full_scale:g}, not {sensor.gyro_fs_dps:g}", settings=tuple(settings))
     if power:
-        says = f"the rates are {1 / factor:g} times the true ones: the full scale is {full_scale:g} dps, not {sensor.gyro_fs_dps:g}"
-        return Correction(says, "gyro", factor, settings=(("gyro_fs_dps", full_scale),))
+        text = f"the rates are {1 / factor:g} times the true ones: the full scale is {full_scale:g} dps, not {sensor.gyro_fs_dps:g}"
+        return Correction(text, "gyro", factor, settings=(("gyro_fs_dps", full_scale),))
     if factor in (DEG, 1 / DEG):
-        have, said = ("deg/s", "rad/s") if factor == DEG else ("rad/s", "deg/s")
-        return Correction(f"the rates are in {have}, and are read as {said}", "gyro", factor)
+        have, stated = ("deg/s", "rad/s") if factor == DEG else ("rad/s", "deg/s")
+        return Correction(f"the rates are in {have}, and are read as {stated}", "gyro", factor)
     return Correction(f"the rates are {1 / factor:.5g} times the true ones", "gyro", factor)
 
 
@@ -465,7 +465,7 @@ def _counted_at(factor: float, sensor: Sensor) -> Correction:
 
 
 def _mistakes(sensor: Sensor, raw: bool, step_mdps: float) -> dict[float, str]:
-    """Correction factor -> what went wrong; step_mdps: of the readings, which tells by what a register was multiplied."""
+    """Correction factor -> what went wrong; step_mdps: of the readings, which shows by what a register was multiplied."""
     full_scale_dps, profile = sensor.gyro_fs_dps, sensor.profile
     mistakes = {
         DEG: "the rates are in deg/s, but are read as rad/s: name the columns gx_dps, gy_dps, gz_dps",
@@ -474,9 +474,9 @@ def _mistakes(sensor: Sensor, raw: bool, step_mdps: float) -> dict[float, str]:
         1e3: "time runs 1000 times too fast: is it us that are read as ns? or the rates are 1000 times too small",
     }
     by_step = {1 / ST_OVER_FULL_SCALE: full_scale_dps / 32.768, ST_OVER_FULL_SCALE: ST_OVER_FULL_SCALE * full_scale_dps / 32.768}
-    for factor, says in _sensitivities(full_scale_dps, profile).items():
-        if abs(step_mdps / by_step[factor] - 1) > SAME_STEP:  # else they are multiplied by what this mistake says they should be
-            mistakes[factor] = says
+    for factor, text in _sensitivities(full_scale_dps, profile).items():
+        if abs(step_mdps / by_step[factor] - 1) > SAME_STEP:  # else they are multiplied by what they should be by this mistake
+            mistakes[factor] = text
     for power in (-5, -4, -3, -2, -1, 1, 2, 3, 4, 5):
         factor = 2.0**power
         fits = factor * full_scale_dps
@@ -496,7 +496,7 @@ def _sensitivities(full_scale_dps: float, profile: Profile | None) -> dict[float
             1 / ST_OVER_FULL_SCALE: (
                 f"sensitivity: this sensor's is full scale / 32768 = {to_span:.3f} mdps per LSB, not the {profile.name}'s {st:.2f}"
             ),
-            ST_OVER_FULL_SCALE: f"sensitivity: converted with full scale / 32768 = {to_span:.3f} mdps per LSB; the datasheet says {st:.2f}",
+            ST_OVER_FULL_SCALE: f"sensitivity: converted with full scale / 32768 = {to_span:.3f} mdps per LSB; the datasheet has {st:.2f}",
         }
     return {
         1 / ST_OVER_FULL_SCALE: (

@@ -16,7 +16,7 @@ from session.log.stamps import not_caught_up
 
 # What was not read, from its neighbours: a polynomial across the gap, of the order that crosses this recording's own movement best.
 #
-# A smooth movement asks for a high order, noise and long gaps for a low one.  Gaps of the same length where nothing is missing say which,
+# A smooth movement asks for a high order, noise and long gaps for a low one.  Gaps of the same length where nothing is missing decide,
 # and how uncertain the rotation over the gap is.
 
 SIDE = 4  #: samples on either side that carry the polynomial: two more than the highest order has coefficients
@@ -119,8 +119,8 @@ def _weights(count: int, order: int) -> np.ndarray:
 # Gaps of a few readings, and readings at the register's end: put back from their neighbours, with how far off the rotation may be.
 #
 # A turn in which one to three readings are missing, or stood at the end of the register, is not lost: a movement is smooth.  What the
-# neighbours say is put in their place, by the polynomial that crosses this recording's own movement best where the rate bends as much, and
-# the error of those crossings is its uncertainty: the segment is so much less certain (``tinygc/closure/problem.py``).
+# neighbours predict is put in their place, by the polynomial that crosses this recording's own movement best where the rate bends as much,
+# and the error of those crossings is its uncertainty: the segment is so much less certain (``tinygc/closure/problem.py``).
 
 #: readings: more are a movement without data (benchmarks/real_logs.py)
 MOST = 3
@@ -129,7 +129,7 @@ AROUND_S = 0.5
 #: of a period: where later steps are shorter by as much as one is longer, the reading came late, and none is missing
 LATE = 0.5
 GAP, CLIPPED = "gap", "clipped"
-#: sigmas of what the neighbours say, beyond which a reading is nothing that they know of
+#: sigmas of what the neighbours predict, beyond which a reading is nothing that they know of
 UNLIKE = 5.0
 #: readings, more than any bridge and less than 32 bits hold
 FAR = 1e9
@@ -239,10 +239,10 @@ def _with_peaks(samples: Samples, sensor: Sensor, gaps: list[Bridge]) -> tuple[S
 
 
 def _beyond(guess: np.ndarray, spread: np.ndarray, end: float) -> tuple[np.ndarray, np.ndarray]:
-    """What readings (K,) at the register's end may have been, and their sigmas: normal about what the neighbours say, cut at the end.
+    """What readings (K,) at the register's end may have been, and their sigmas: normal about what the neighbours predict, cut at the end.
 
-    Where the neighbours say far less than the end, it was a jolt, of which they know nothing: normal with a spread of what is lacking; or
-    the reading is false, and they are right.  Nothing in the rates tells which: even odds.
+    Where the neighbours predict far less than the end, it was a jolt, of which they know nothing: normal with a spread of what is lacking;
+    or the reading is false, and they are right.  Nothing in the rates shows which: even odds.
     """
     lacking = np.maximum(end - guess, 0.0)
     wide = np.maximum(spread, lacking) + 1e-12

@@ -18,7 +18,7 @@ from session.log.config import Sensor
 from session.log.folder import Session
 from session.log.logfile import NAME
 
-# Dial readings against gravity: both say which way is down in the sensor.
+# Dial readings against gravity: both show which way is down in the sensor.
 
 DIALS_FILE, DIALS = "attitudes.csv", "dials against gravity"
 #: a table that stands askew, or a sensor screwed on askew, by more is another convention of angles
@@ -37,20 +37,20 @@ def check_dials(session: Session, found: SessionStills) -> list[Finding]:
     if not rows:
         return []
     apart = np.degrees(angle_between(down_of_dials(session.attitudes[rows]), np.array([-stills[i].accel_mean for i in rows])))
-    says = f"down differs by {np.median(apart):.2f}° (median of {len(rows)} stills), {apart.max():.2f}° at most (bar {ASKEW_DEG:g}°)"
+    text = f"down differs by {np.median(apart):.2f}° (median of {len(rows)} stills), {apart.max():.2f}° at most (bar {ASKEW_DEG:g}°)"
     if np.median(apart) > UPSIDE_DOWN_DEG:
         do = "all three axes of the accelerometer have the wrong sign, or the dials count z up: roll 0 is the sensor's z down, reading -1 g"
-        return [Finding("error", DIALS_FILE, DIALS, f"{says}: upside down", do)]
+        return [Finding("error", DIALS_FILE, DIALS, f"{text}: upside down", do)]
     if np.median(apart) > ASKEW_DEG:
-        do = "are the angles roll, pitch, yaw of R = Rz Ry Rx, in degrees, and is each row of the still that it says?"
-        return [Finding("warning", DIALS_FILE, DIALS, says, do)]
-    return [Finding("ok", DIALS_FILE, DIALS, says)]
+        do = "are the angles roll, pitch, yaw of R = Rz Ry Rx, in degrees, and is each row of the right still?"
+        return [Finding("warning", DIALS_FILE, DIALS, text, do)]
+    return [Finding("ok", DIALS_FILE, DIALS, text)]
 
 
 # Turns of known angle (``turns.csv``) against what the gyro reads of them.
 
 KNOWN_TURN = "known turn"
-#: turns that might have been meant: more than these say nothing
+#: turns that might have been meant: more than these show nothing
 MOST_MEANT = 3
 
 
@@ -64,14 +64,14 @@ def check_known_turns(turns: Sequence[FoundTurn], parts: Sequence[LogSegments]) 
 
 def _finding(turn: FoundTurn, free: list[tuple[int, np.ndarray]]) -> Finding:
     """free: number of each turn that no line names, and what the gyro reads of it, (3,) rad."""
-    says = f"{turn.known.name}: {turn.known.says}"
+    text = f"{turn.known.name}: {turn.known.says}"
     if turn.problem is None:
-        return Finding("ok", NAME, KNOWN_TURN, f"{says}; the gyro reads {turn.along_rad / DEG:.2f} deg, uncalibrated")
+        return Finding("ok", NAME, KNOWN_TURN, f"{text}; the gyro reads {turn.along_rad / DEG:.2f} deg, uncalibrated")
     meant = [number for number, reads in free if contradiction(turn.known, reads) is None]
     do = "it is not used; turns are counted from 0 as segments are, over all logs or in the log that is named"
     if 0 < len(meant) <= MOST_MEANT:
         do = f"it is not used; such a turn is {' or '.join(map(str, meant))}, counted from 0 over all logs"
-    return Finding("warning", NAME, KNOWN_TURN, f"{says}: {turn.problem}", do)
+    return Finding("warning", NAME, KNOWN_TURN, f"{text}: {turn.problem}", do)
 
 
 # An uncalibrated accelerometer: the session's own stills calibrate it.
@@ -105,19 +105,19 @@ def own_fit(session: Session, known: SessionStills | None = None) -> LengthFit |
     return found if abs(length - 1) < UNITS_RIGHT else None
 
 
-def with_own_accelerometer(session: Session, again: bool = False, looked_at: SessionStills | None = None) -> tuple[Session, list[Finding]]:
-    """A session whose ``session.toml`` has no ``[accelerometer]``, with the one that its stills give, and what to say of it.
+def with_own_accelerometer(session: Session, refit: bool = False, looked_at: SessionStills | None = None) -> tuple[Session, list[Finding]]:
+    """A session whose ``session.toml`` has no ``[accelerometer]``, with the one that its stills give, and what to report of it.
 
-    again: also where it has one, which then only defines the body frame.  Otherwise such a session is returned as it is; so is one that
+    refit: also where it has one, which then only defines the body frame.  Otherwise such a session is returned as it is; so is one that
     has another reference, and one whose stills fix no number.  known: its stills, where they were found before.
     """
     config = session.config
     none = config.accelerometer.source == "none"
-    if not (none or again) or session.reference is not None:
+    if not (none or refit) or session.reference is not None:
         return session, []
     own = own_fit(session, looked_at)
     if own is None:
-        return session, []  # the first look says what is wrong
+        return session, []  # the first look reports what is wrong
     given, known = "none is given", "give [accelerometer] where it is known better"
     if not none:
         given = "the one that is given is not used" + (", being of these stills itself" if config.accelerometer.own_stills else "")
@@ -125,18 +125,18 @@ def with_own_accelerometer(session: Session, again: bool = False, looked_at: Ses
     if own.rung is None:
         do = f"its errors become the gyroscope's; rest it on more sides, or {known}"
         return session, [Finding("warning", SESSION_FILE, ACCELEROMETER, f"{given}, but {why_not(own)}", do)]
-    says = (
+    text = (
         f"{given}: {own.rung.says} from {len(own.before)} stills in {own.attitudes} attitudes; "
         f"gravity's spread {spread_mg(own.before):.2f} mg before, {spread_mg(own.after):.2f} mg after"
     )
     level, do = "note", f"they are of these very stills: {known}"
     if own.unobserved:
-        level, says = "warning", f"{says}; not observable: {', '.join(own.unobserved)}"
+        level, text = "warning", f"{text}; not observable: {', '.join(own.unobserved)}"
         do = f"rest it on edges and corners, too, or {known}"
-    found = [Finding(level, SESSION_FILE, ACCELEROMETER, says, do), *_check_zero(own, config.sensor), *drift_finding(own.drift)]
+    found = [Finding(level, SESSION_FILE, ACCELEROMETER, text, do), *_check_zero(own, config.sensor), *drift_finding(own.drift)]
     if config.site.gravity_mps2 is None:
-        say = "not given: the scale that all axes share is fitted to standard gravity, and known to 0.2 % (one sigma)"
-        found.append(Finding("note", SESSION_FILE, "site.gravity_mps2", say, "give local gravity, to 0.001 m/s², for a true scale"))
+        text = "not given: the scale that all axes share is fitted to standard gravity, and known to 0.2 % (one sigma)"
+        found.append(Finding("note", SESSION_FILE, "site.gravity_mps2", text, "give local gravity, to 0.001 m/s², for a true scale"))
     return replace(session, config=replace(config, accelerometer=own.accelerometer)), found
 
 
@@ -152,7 +152,7 @@ def _check_zero(own: LengthFit, sensor: Sensor) -> list[Finding]:
 
 
 def drift_finding(drift: ZeroDrift | None) -> list[Finding]:
-    """What to say of a significant drift; nothing of another."""
+    """What to report of a significant drift; nothing of another."""
     if drift is None or not drift.significant:
         return []
     do = "it is fitted with the rest, which else would take it for nonorthogonality; let the sensor warm up before the first still"

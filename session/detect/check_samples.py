@@ -28,7 +28,7 @@ from session.log.logfile import Bridge, Log
 from session.log.samples import Samples, pick, pieces
 from session.log.stamps import GAP_PERIODS, along_line
 
-# Checks of one log by itself: gaps, registers, temperature, and what its comments say.  Each returns findings.
+# Checks of one log by itself: gaps, registers, temperature, and what its comments contain.  Each returns findings.
 
 LOST_SHARE = 0.001  #: of single samples; more is a fault of the logger that will cost more one day
 STUCK = "look at the wiring, the register map, the columns; or is it quantisation, a full scale or a unit whose steps hide its noise?"
@@ -43,13 +43,13 @@ def check_comments(log: Log, sensor: Sensor) -> list[Finding]:
     for key, declared in (("gyro_fs_dps", sensor.gyro_fs_dps), ("accel_fs_g", sensor.accel_fs_g)):
         stated = log.number(key)
         if stated is not None and abs(stated / declared - 1) > 1e-6:
-            says = f"the log says {key}={stated:g}, session.toml {declared:g}"
-            right = Correction(f"{key} is {stated:g}, as the log says, not {declared:g}", settings=((key, stated),))
-            findings.append(Finding("error", log.path.name, "full scale", says, f"correct {key} in session.toml", (right,)))
+            text = f"the log has {key}={stated:g}, session.toml {declared:g}"
+            right = Correction(f"{key} is {stated:g}, by the log, not {declared:g}", settings=((key, stated),))
+            findings.append(Finding("error", log.path.name, "full scale", text, f"correct {key} in session.toml", (right,)))
     serial = log.comments.get("serial")
     if serial and sensor.serial and serial != sensor.serial:
-        says = f"the log is of sensor {serial}, session.toml says {sensor.serial}"
-        findings.append(Finding("warning", log.path.name, "serial", says, "keep one folder per sensor"))
+        text = f"the log is of sensor {serial}, session.toml has {sensor.serial}"
+        findings.append(Finding("warning", log.path.name, "serial", text, "keep one folder per sensor"))
     return findings
 
 
@@ -73,23 +73,23 @@ def check_stamps(log: Log, noise: Noise | None, segment_s: float) -> list[Findin
     errors, floor = stamp_errors(samples, segment_s), noise_floor(noise, segment_s)
     whole = angle_rms(samples, errors, segment_s)
     angle = whole * sqrt(errors.share)
-    says = f"{errors.scatter_s * 1e6:.1f} us rms ({errors.scatter_s / period:.1%} of a period): {angle / DEG:.4f} deg per turn"
+    text = f"{errors.scatter_s * 1e6:.1f} us rms ({errors.scatter_s / period:.1%} of a period): {angle / DEG:.4f} deg per turn"
     if np.isfinite(floor):
-        says += f", noise {floor / DEG:.4f}"
+        text += f", noise {floor / DEG:.4f}"
     if angle > floor:
         grid = errors.grid_s**2 / 12 > errors.scatter_s**2 / 2
-        says = f"stamps in steps of {errors.grid_s * 1e3:g} ms, {says}" if grid else f"stamps come early and late, {says}"
+        text = f"stamps in steps of {errors.grid_s * 1e3:g} ms, {text}" if grid else f"stamps come early and late, {text}"
         do = "stamp on the board, not on arrival"
         with suppress(DataError):  # it would refuse
             along_line(samples.t_ns, where)
             do = f"import the log with --even (counting the samples takes {angle / DEG:.2g} deg off a turn); {do}"
-        findings.append(Finding("warning", where, JITTER, says, do))
+        findings.append(Finding("warning", where, JITTER, text, do))
     elif whole > floor:
-        follow = "the readings go along: samples were taken when their stamps say" if errors.told else "whether the stamps err is not told"
-        says += f"; {whole / DEG:.4f} if all of it were error: {follow}"
-        findings.append(Finding("ok" if errors.told else "note", where, JITTER, says))
+        follow = "the readings follow: the stamps are right" if errors.resolved else "whether the stamps are wrong is not known"
+        text += f"; {whole / DEG:.4f} if all of it were error: {follow}"
+        findings.append(Finding("ok" if errors.resolved else "note", where, JITTER, text))
     else:
-        findings.append(Finding("ok", where, JITTER, says))
+        findings.append(Finding("ok", where, JITTER, text))
     return findings
 
 
@@ -98,16 +98,16 @@ def _gaps(samples: Samples, gaps: np.ndarray, lost: int, single: int, where: str
     if gaps.any():
         long = int(np.count_nonzero(gaps)) - int(np.count_nonzero(gaps[short_gaps(samples)[0]]))
         longest_s, first_s = samples.dt_s.max(), samples.at_s(int(np.argmax(gaps)))
-        says = f"{gaps.sum()} gaps, {lost} samples lost{f' ({single} of them singly)' if single else ''}"
-        says += f", the longest {longest_s:.3f} s, the first at {first_s:.1f} s"
-        says += f"; {long} of them longer than {MOST} samples" if long else f"; none longer than {MOST} samples"
+        text = f"{gaps.sum()} gaps, {lost} samples lost{f' ({single} of them singly)' if single else ''}"
+        text += f", the longest {longest_s:.3f} s, the first at {first_s:.1f} s"
+        text += f"; {long} of them longer than {MOST} samples" if long else f"; none longer than {MOST} samples"
         do = f"turns with a gap of more than {MOST} samples are not used; " if long else ""
-        return Finding("warning", where, "gaps", says, f"{do}look at the card or the port")
+        return Finding("warning", where, "gaps", text, f"{do}look at the card or the port")
     if not single:
         return Finding("ok", where, "gaps", f"none longer than {GAP_PERIODS:g} periods")
     share = single / (len(samples) + single)
-    says = f"{single} samples lost singly ({share:.2%}); no gap longer than {GAP_PERIODS:g} periods"
-    return Finding("warning" if share > LOST_SHARE else "note", where, "gaps", says, "look at the card or the port")
+    text = f"{single} samples lost singly ({share:.2%}); no gap longer than {GAP_PERIODS:g} periods"
+    return Finding("warning" if share > LOST_SHARE else "note", where, "gaps", text, "look at the card or the port")
 
 
 def check_registers(log: Log, sensor: Sensor, stills: list[Still], missing_accel: bool = False) -> list[Finding]:
@@ -115,8 +115,8 @@ def check_registers(log: Log, sensor: Sensor, stills: list[Still], missing_accel
     samples, findings = log.samples, []
     absent = _without_force(samples) if missing_accel else np.zeros(len(samples), dtype=bool)
     if absent.any():
-        says = f"{absent.sum()} of {len(absent)} rows read 0, 0, 0: taken as not recorded"
-        findings.append(Finding("note", log.path.name, "accelerometer", says))
+        text = f"{absent.sum()} of {len(absent)} rows read 0, 0, 0: taken as not recorded"
+        findings.append(Finding("note", log.path.name, "accelerometer", text))
     for name, unit, values, full, reach, factor, stds in (
         ("gyro", "dps", samples.gyro, sensor.gyro_fs_dps, gyro_reach_dps(sensor), DEG, [s.gyro_std for s in stills]),
         ("accelerometer", "g", samples.accel, sensor.accel_fs_g, accel_reach_g(sensor), G, [s.accel_std for s in stills]),
@@ -134,8 +134,8 @@ def check_registers(log: Log, sensor: Sensor, stills: list[Still], missing_accel
         ends = np.array([(values[:, i].min(), values[:, i].max()) for i in range(3)])
         stuck = ends[:, 0] == ends[:, 1]
         if stuck.any():
-            says = f"{axes_text(stuck)} reads one value throughout; a sensor has noise"
-            findings.append(Finding("error", log.path.name, f"{name} stuck", says, STUCK))
+            text = f"{axes_text(stuck)} reads one value throughout; a sensor has noise"
+            findings.append(Finding("error", log.path.name, f"{name} stuck", text, STUCK))
         noise = np.median(stds, axis=0) if stds else np.zeros(3)
         least = REST_G if name == "accelerometer" else 0.0
         resting = np.zeros(len(samples), dtype=bool)
@@ -227,13 +227,13 @@ def _repeats(log: Log, stills: list[Still]) -> list[Finding]:
     where, rows_hz = log.path.name, 1 / samples.period_s
     if held[2]:
         fresh_hz = (1 - shares[2]) * rows_hz
-        says = f"{shares[2]:.0%} of the rows repeat all six readings (by noise {chances[2]:.1g}): new ones come at {fresh_hz:.0f} Hz"
-        return [Finding("warning", where, HELD, says, do)]
+        text = f"{shares[2]:.0%} of the rows repeat all six readings (by noise {chances[2]:.1g}): new ones come at {fresh_hz:.0f} Hz"
+        return [Finding("warning", where, HELD, text, do)]
     findings = []
     for name, level, each, share, is_held in zip(("gyro", "accelerometer"), ("warning", "note"), new, shares, held, strict=False):
         if share < 1 and (is_held or held_for(each) > 1):  # else it is stuck, another finding
-            says = f"each reading of the {name} stands for {1 / (1 - share):.3g} rows: new ones come at {(1 - share) * rows_hz:.0f} Hz"
-            findings.append(Finding(level, where, HELD, f"{says}, rows at {rows_hz:.0f}", do))
+            text = f"each reading of the {name} stands for {1 / (1 - share):.3g} rows: new ones come at {(1 - share) * rows_hz:.0f} Hz"
+            findings.append(Finding(level, where, HELD, f"{text}, rows at {rows_hz:.0f}", do))
     return findings
 
 
@@ -297,21 +297,21 @@ def ceiling_finding(log: Log, sensor: Sensor, ceiling: Ceiling, between: Sequenc
     found = np.isfinite(levels_dps)
     levels = " and ".join(f"{level:.4g}" for level in np.unique(np.round(levels_dps[found], 2)))
     clean, turns = len(clean_turns(ceiling, between)), len(between)
-    says = (
+    text = (
         f"{axes_text(found)} never pass{'es' if found.sum() == 1 else ''} ±{levels} dps, of ±{sensor.gyro_fs_dps:g}: "
         f"{at.mean():.0%} of the readings stand there, the first at {log.samples.at_s(int(np.argmax(at))):.1f} s"
     )
     if turns:
-        says += f"; {turns - clean} of {turns} turns reach it"
+        text += f"; {turns - clean} of {turns} turns reach it"
     do = "what is beyond is lost: turn slower, or look for the limit in the sensor's settings and in what wrote the log"
-    return Finding("error", log.path.name, "gyro ceiling", says, do)
+    return Finding("error", log.path.name, "gyro ceiling", text, do)
 
 
 # An axis that dies within a log: it reads one value for a second or more, and twenty readings, while the others move or scatter.
 
 #: and so many readings: at 2 Hz two equal neighbours are a coarse register, not a second of silence
 LEAST_S, LEAST_DEAD_READINGS = 1.0, 20
-#: a run at the axis's own extreme may be a turn that clips; beyond this no turn lasts
+#: a run at the axis's own extreme may be a turn that clips; no turn is longer than this
 CLIPPED_S = 5.0
 #: the body moves where another axis spans this, dps and g, over the middle four fifths of the readings
 MOVES_DPS, MOVES_G = 10.0, 0.1
@@ -334,13 +334,13 @@ def check_dead(log: Log, missing_accel: bool = False) -> list[Finding]:
             continue
         start, stop = max(found, key=lambda run: run[1] - run[0])
         sensor, unit = ("gyro", "dps") if number < 3 else ("accelerometer", "g")
-        says = (
+        text = (
             f"{column} reads {_channel(samples, number, start) + 0.0:.4g} {unit} from row {start} to row {stop - 1}, "
             f"{samples.at_s(start):.1f} to {samples.at_s(stop - 1):.1f} s, while others go on; a sensor has noise"
         )
-        says += f" ({len(found)} such places)" if len(found) > 1 else ""
+        text += f" ({len(found)} such places)" if len(found) > 1 else ""
         do = "look at the wiring and at what wrote the log; record again, or cut the log there"
-        findings.append(Finding("error", log.path.name, f"{sensor} dead", says, do))
+        findings.append(Finding("error", log.path.name, f"{sensor} dead", text, do))
     return findings
 
 
@@ -426,13 +426,13 @@ def check_quantised(log: Log, sensor: Sensor) -> list[Finding]:
     steps = np.abs(np.diff(gyro, axis=0))
     step = float(np.min(steps[:, coarse], where=steps[:, coarse] > 0, initial=np.inf))
     wide = f"{step / DEG:.3g} dps" if step / MDPS > MOST_MDPS else f"{step / MDPS:.3g} mdps"
-    says = f"the gyro ({axes_text(coarse)}) moves in steps of {wide}, and repeats {share[coarse].max():.0%} of its readings"
-    says += " where it is quietest: the steps are larger than its noise"
+    text = f"the gyro ({axes_text(coarse)}) moves in steps of {wide}, and repeats {share[coarse].max():.0%} of its readings"
+    text += " where it is quietest: the steps are larger than its noise"
     if (typical := sensor.typical("gyro_noise_mdps_rthz")) is not None:
         rms = typical[1] * np.sqrt(0.5 / log.samples.period_s)
-        says += f" ({rms:.3g} mdps rms for the {typical[0]} at {1 / log.samples.period_s:.4g} Hz)"
+        text += f" ({rms:.3g} mdps rms for the {typical[0]} at {1 / log.samples.period_s:.4g} Hz)"
     do = "choose a smaller full scale, or a higher data rate; with such steps a rest cannot be separated from a slow turn"
-    return [Finding("error", log.path.name, QUANTISATION, says, do)]
+    return [Finding("error", log.path.name, QUANTISATION, text, do)]
 
 
 def check_repeated_gravity(log: Log, noise: Noise | None) -> list[Finding]:
@@ -445,12 +445,12 @@ def check_repeated_gravity(log: Log, noise: Noise | None) -> list[Finding]:
     coarse = np.isfinite(step) & (noise.accel * np.sqrt(0.5 / log.samples.period_s) < NO_SCATTER * step)
     if not coarse.any():
         return []
-    says = (
+    text = (
         f"the accelerometer ({axes_text(coarse)}) moves in steps of {step[coarse].max() / MG:.3g} mg, and repeats one reading in each still"
     )
-    says += ": the steps are larger than its noise, so nothing tells how far gravity is off"
+    text += ": the steps are larger than its noise, so it is not known how far gravity is off"
     do = "choose a smaller full scale, a higher data rate or a wider filter; was the log rounded where it was written?"
-    return [Finding("error", log.path.name, QUANTISATION, says, do)]
+    return [Finding("error", log.path.name, QUANTISATION, text, do)]
 
 
 # One recording twice in a folder: it would count as twice the evidence, and validate itself.
@@ -508,11 +508,11 @@ def check_bridges(log: Log, sensor: Sensor, stills: list[Still], noise: Noise | 
         return []
     floor = noise_floor(noise, segment_s)
     worst = max(float(np.linalg.norm(bridge.sigma_rad)) for bridge in bridges)
-    says = "; ".join(text for text in (_gaps_text(bridges), _peaks_text(bridges)) if text)
-    says += f": put in from their neighbours, off by {worst / DEG:.2g} deg at worst"
-    says += f" (gyro noise per segment {floor / DEG:.2g})" if np.isfinite(floor) else ""
+    text = "; ".join(text for text in (_gaps_text(bridges), _peaks_text(bridges)) if text)
+    text += f": put in from their neighbours, off by {worst / DEG:.2g} deg at worst"
+    text += f" (gyro noise per segment {floor / DEG:.2g})" if np.isfinite(floor) else ""
     do = "their turns count, with so much wider a sigma"
-    return [Finding("warning" if worst > floor else "note", log.path.name, BRIDGED, says, do)]
+    return [Finding("warning" if worst > floor else "note", log.path.name, BRIDGED, text, do)]
 
 
 def _gaps_text(bridges: tuple[Bridge, ...]) -> str:
@@ -547,17 +547,17 @@ def check_impacts(where: str, samples: Samples, between: Sequence[Ends]) -> list
         return []
     number, worst = max(((n, each) for n, impacts in hit.items() for each in impacts), key=lambda pair: pair[1].jump_g)
     before_s = samples.at_s(turns[number][1]) - worst.at_s
-    says = (
+    text = (
         f"{len(hit)} of {len(turns)} turns hold one: specific force jumps by {JUMP_G:g} g or more from one reading to the next, "
         f"most by {worst.jump_g:.1f} g at {worst.at_s:.1f} s, {before_s:.1f} s before the next rest"
     )
     do = "a softer stop or a slower hand; a fit weighs such turns by how they close"
-    return [Finding("note", where, IMPACTS, says, do)]
+    return [Finding("note", where, IMPACTS, text, do)]
 
 
 # Logs of a board that had no sensor (docs/boards.md): made up, or played to it.
 
-#: as the board's comment in a log says who gave the samples
+#: as the board's comment in a log names who gave the samples
 SOURCE = "source"
 
 
@@ -565,7 +565,7 @@ def check_standin(logs: tuple[Log, ...]) -> list[Finding]:
     """A warning for each log or closure run without a sensor; an error where others are of one: together they calibrate nothing."""
     found = [log for log in logs if log.comments.get(SOURCE) == STANDIN_NAME]
     real = next((log.path.name for log in logs if log.comments.get(SOURCE) == SENSOR_NAME), None)
-    says = "the board had no sensor: these samples are made up, or were played to it"
+    text = "the board had no sensor: these samples are made up, or were played to it"
     if real is None:
-        return [Finding("warning", log.path.name, "sensor", says, "look at the board's wiring, and record again") for log in found]
-    return [Finding("error", log.path.name, "sensor", f"{says}; {real} is a sensor's", "take it out of the folder") for log in found]
+        return [Finding("warning", log.path.name, "sensor", text, "look at the board's wiring, and record again") for log in found]
+    return [Finding("error", log.path.name, "sensor", f"{text}; {real} is a sensor's", "take it out of the folder") for log in found]

@@ -39,12 +39,12 @@ MOST_LISTED = 8  #: places in one line; ``fit`` writes all of them into its JSON
 ENOUGH_SEGMENTS = 13
 #: of the finding on the turns that a fit uses
 TURNS, MOVEMENT, NO_STILLS = "turns", "movement", "no stills"
-ENOUGH_ATTITUDES = 6  #: to tell a scale factor and a bias of each of three axes; fewer can all have gravity's length by chance
+ENOUGH_ATTITUDES = 6  #: to determine a scale factor and a bias of each of three axes; fewer can all have gravity's length by chance
 
 
 def check_stills(where: str, stills: list[Still], blind: bool) -> list[Finding]:
-    """The number and length of the stills, and those that are no reference; blind: the gyro shows no noise, and that finding says why there
-    is none."""
+    """The number and length of the stills, and those that are no reference; blind: the gyro shows no noise, and that finding gives the
+    reason that there is none."""
     good = references(stills)
     if not good and blind:
         return []
@@ -53,14 +53,14 @@ def check_stills(where: str, stills: list[Still], blind: bool) -> list[Finding]:
         reason = f"none of {len(stills)} quiet phases is at rest: each {stills[0].problem}" if stills else "none found: it never rests"
         return [Finding("error", where, "stills", reason, do)]
     durations = np.array([still.duration_s for still in good])
-    says = f"{len(good)} of {durations.min():.1f} to {durations.max():.1f} s (median {np.median(durations):.1f})"
+    text = f"{len(good)} of {durations.min():.1f} to {durations.max():.1f} s (median {np.median(durations):.1f})"
     bumps = sum(still.bumps for still in good)
-    findings = [Finding("ok", where, "stills", says + (f", {bumps} bumps survived" if bumps else ""))]
+    findings = [Finding("ok", where, "stills", text + (f", {bumps} bumps survived" if bumps else ""))]
     bad = [(number, still) for number, still in enumerate(stills) if still.problem not in (None, BY_HAND)]
     if bad:
         listed = _first_few([f"still {number} at {still.start_s:.1f} s {still.problem}" for number, still in bad])
-        says = f"{len(bad)} of {len(stills)} are no reference: {listed}"
-        findings.append(Finding("warning", where, "not still", says, "their turns are joined over them; take the hand off the table"))
+        text = f"{len(bad)} of {len(stills)} are no reference: {listed}"
+        findings.append(Finding("warning", where, "not still", text, "their turns are joined over them; take the hand off the table"))
     return findings
 
 
@@ -71,8 +71,8 @@ def check_unused_rests(where: str, unused: Sequence[UnusedRest], stills: list[St
     if not rests:
         return []
     places = [f"at {rest.start_s:.1f} s ({rest.duration_s:.1f} s) {rest.cause}" for rest in rests]
-    says = f"{len(rests)} rest{'s' * (len(rests) != 1)} no reference: {_first_few(places)}"
-    return [Finding("note", where, "rests not used", says, "where a turn ends, take the hand off and wait for the whole of still_s")]
+    text = f"{len(rests)} rest{'s' * (len(rests) != 1)} no reference: {_first_few(places)}"
+    return [Finding("note", where, "rests not used", text, "where a turn ends, take the hand off and wait for the whole of still_s")]
 
 
 def _first_few(texts: list[str]) -> str:
@@ -83,7 +83,7 @@ def check_turns(where: str, parts: Sequence[LogSegments], turns: Sequence[FoundT
     """Whether the turns that ``fit`` uses can hold 12 parameters: gravity gives 2 angles each.  An error where ``fit`` refuses.
 
     12 segments give twice as many angles as there are parameters; one more can be held out to try the result on.  Nothing where no still is
-    a reference: another finding says that.
+    a reference: another finding reports that.
     """
     stills = [still for part in parts for still in part.stills]
     if not references(stills):
@@ -96,10 +96,10 @@ def check_turns(where: str, parts: Sequence[LogSegments], turns: Sequence[FoundT
     if (refused := why_too_few(stills, segments, turns, still_s)) is not None:
         return [Finding("error", where, TURNS, f"{refused}{left_out}", do)]
     of = f" of {len(segments)}" if out else ""
-    says = f"{len(used)}{of} turns from still to still, {2 * len(used)} angles for 12 parameters"
+    text = f"{len(used)}{of} turns from still to still, {2 * len(used)} angles for 12 parameters"
     if len(used) >= ENOUGH_SEGMENTS:
-        return [Finding("ok", where, TURNS, f"{says}{left_out}")]
-    return [Finding("warning", where, TURNS, f"{says}; expected {ENOUGH_SEGMENTS} turns or more{left_out}", do)]
+        return [Finding("ok", where, TURNS, f"{text}{left_out}")]
+    return [Finding("warning", where, TURNS, f"{text}; expected {ENOUGH_SEGMENTS} turns or more{left_out}", do)]
 
 
 def check_leaps(parts: Sequence[LogSegments]) -> list[Finding]:
@@ -115,14 +115,14 @@ def check_unseen(parts: Sequence[LogSegments]) -> list[Finding]:
     for part in parts:
         samples, stills = part.log.samples, references(part.stills)
         if not stills:
-            continue  # another finding says that
+            continue  # another finding reports that
         begins = [0.0, *(still.start_s + still.duration_s for still in stills)]
         ends = [*(still.start_s for still in stills), samples.duration_s]
         begin, end = max(zip(begins, ends, strict=True), key=lambda span: span[1] - span[0])
         if (share := (end - begin) / samples.duration_s) > UNSEEN_SHARE:
-            says = f"from {begin:.0f} to {end:.0f} s, {share:.0%} of the log: nothing there is used"
+            text = f"from {begin:.0f} to {end:.0f} s, {share:.0%} of the log: nothing there is used"
             do = "does the noise, the range or a filter of the sensor change there? rest between the turns there, too, or cut the log"
-            found.append(Finding("warning", part.log.path.name, NO_STILLS, says, do))
+            found.append(Finding("warning", part.log.path.name, NO_STILLS, text, do))
     return found
 
 
@@ -130,12 +130,12 @@ def check_noise(where: str, noise: Noise | None, sensor: Sensor, samples: Sample
     """White noise in the stills against the sensor's own, by session.toml or else by its model; without either the noise is only reported.
 
     Taken from neighbouring means of 0.1 s, so the sensor's filter does not lower it.  Where it is too large, its spectrum in the stills
-    tells what it is like.  Vibration is suggested only where lines show it, or where gyro and accelerometer move together.
+    shows its kind.  Vibration is suggested only where lines show it, or where gyro and accelerometer move together.
     """
     if noise is None:
         return []
     stated = sensor.gyro_noise_mdps_rthz
-    gyro = _of_model(sensor, "gyro_noise_mdps_rthz") if stated is None else ("session.toml says", stated)
+    gyro = _of_model(sensor, "gyro_noise_mdps_rthz") if stated is None else ("session.toml has", stated)
     accel = _of_model(sensor, "accel_noise_ug_rthz")
     mdps, ug = noise.gyro / MDPS, noise.accel / MG * 1e3
     spectrum = partial(rest_spectrum, samples, stills)
@@ -146,7 +146,7 @@ def check_noise(where: str, noise: Noise | None, sensor: Sensor, samples: Sample
 
 
 def _of_model(sensor: Sensor, figure: str) -> tuple[str, float] | None:
-    """Who says it, and how much."""
+    """Which test shows it, and how much."""
     typical = sensor.typical(figure)
     return typical and (f"the {typical[0]} has", typical[1])
 
@@ -154,33 +154,33 @@ def _of_model(sensor: Sensor, figure: str) -> tuple[str, float] | None:
 def _noise_finding(
     where: str,
     what: str,
-    says: str,
+    text: str,
     found: np.ndarray,
     yardstick: tuple[str, float] | None,
     do_unknown: str,
     spectrum: Callable[[bool], RestSpectrum | None],
 ) -> Finding:
     if yardstick is None:
-        return Finding("note", where, what, f"{says}; what this sensor should have is not known", do_unknown)
+        return Finding("note", where, what, f"{text}; what this sensor should have is not known", do_unknown)
     who, expected = yardstick
-    ratio, says = found.max() / expected, f"{says}, {who} {expected:g}"
+    ratio, text = found.max() / expected, f"{text}, {who} {expected:g}"
     if ratio > NOISE_RATIO:
-        says = f"{says}: {ratio:.1f} times as much (bar {NOISE_RATIO:g})"
+        text = f"{text}: {ratio:.1f} times as much (bar {NOISE_RATIO:g})"
         like = spectrum(what == ACCEL_NOISE)
         if like is None:
-            return Finding("warning", where, what, says, "the stills are too short to tell vibration from the sensor's own noise")
+            return Finding("warning", where, what, text, "the stills are too short to separate vibration from the sensor's own noise")
         other, axis = ("gyro" if what == ACCEL_NOISE else "accelerometer"), int(found.argmax())
-        says += f"; {like.words(other, axis)}"
+        text += f"; {like.words(other, axis)}"
         if like.follows > VIBRATION:
             do = "gyro and accelerometer move together: does the table, the floor or a fan vibrate?"
         elif like.lines[axis][1] > VIBRATION:
             do = f"lines that the {other} does not follow: interference in the sensor, or a vibration that the {other} does not feel"
         else:
             do = "no vibration shows: this unit's noise, its filter, or wrong units"
-        return Finding("warning", where, what, says, do)
+        return Finding("warning", where, what, text, do)
     if found.min() < expected / NOISE_RATIO:
-        return Finding("note", where, what, f"{says}: less than it can be; averaged before logging, or wrong units?", "")
-    return Finding("ok", where, what, says, "")
+        return Finding("note", where, what, f"{text}: less than it can be; averaged before logging, or wrong units?", "")
+    return Finding("ok", where, what, text, "")
 
 
 def check_zero_rate(where: str, stills: list[Still], sensor: Sensor) -> list[Finding]:
@@ -192,18 +192,18 @@ def check_zero_rate(where: str, stills: list[Still], sensor: Sensor) -> list[Fin
     if typical is None:
         return [Finding("note", where, "zero-rate level", f"{xyz_text(bias)} dps; what this sensor may have is not known")]
     bar = typical[1]
-    says = f"{xyz_text(bias)} dps, bar {bar:g}"
+    text = f"{xyz_text(bias)} dps, bar {bar:g}"
     if np.abs(bias).max() <= bar:
-        return [Finding("ok", where, "zero-rate level", says)]
+        return [Finding("ok", where, "zero-rate level", text)]
     return [
-        Finding("warning", where, "zero-rate level", says, "a calibration removes it; a unit that far off is worth a look, or the units")
+        Finding("warning", where, "zero-rate level", text, "a calibration removes it; a unit that far off is worth a look, or the units")
     ]
 
 
 def accel_unit_factor(stills: list[Still], config: Config) -> tuple[float, float]:
     """What the measured specific force must be multiplied by to make gravity right, among the usual mistakes.
 
-    Returns (factor, gravity's mean length with it, m/s^2).  The pre-calibration holds for right units only, so it is undone and
+    Returns (factor, gravity's mean length with it, m/s^2).  The pre-calibration holds for right units only, so it is reversed and
     applied again for each candidate: 1, g for m/s^2 and the reverse, and the ratios of full scales.
     """
     found = force_of(stills)
@@ -230,29 +230,29 @@ def check_gravity(where: str, stills: list[Still], config: Config, noise: Noise 
     lengths = np.array([still.gravity_mps2 for still in stills])
     g = config.site.expected_gravity_mps2
     off = lengths.mean() / g - 1
-    says = f"{lengths.mean():.4f} m/s² in the stills, {g:.4f} expected ({off:+.2%}, bar {GRAVITY_OK:.0%})"
+    text = f"{lengths.mean():.4f} m/s² in the stills, {g:.4f} expected ({off:+.2%}, bar {GRAVITY_OK:.0%})"
     if abs(off) <= GRAVITY_OK:
         own = config.accelerometer.source == "stills"
-        findings = [Finding("ok", where, "gravity", says + (": it was fitted to that" if own else ""))]
+        findings = [Finding("ok", where, "gravity", text + (": it was fitted to that" if own else ""))]
     elif abs(off) < GRAVITY_WRONG:
         do = "is [accelerometer] of session.toml this sensor's pre-calibration?"
         if config.accelerometer.source == "none":
             do = "an uncalibrated accelerometer may be so far off; rest it on all sides, and it is calibrated"
-        findings = [Finding("warning", where, "gravity", says, do)]
+        findings = [Finding("warning", where, "gravity", text, do)]
     else:
-        return [Finding("error", where, "gravity", says, *_unit_mistake(*accel_unit_factor(stills, config), config, raw))]
+        return [Finding("error", where, "gravity", text, *_unit_mistake(*accel_unit_factor(stills, config), config, raw))]
     spread = float(lengths.std())
     tilt = spread / lengths.mean()
     floor = noise_floor(noise, config.protocol.segment_s)
     level = "warning" if tilt > 3 * floor else "note" if tilt > floor else "ok"
     do = "calibrate the accelerometer again: the reference is worse than the gyro" if level != "ok" else ""
     attitudes = attitudes_of(force_of(stills))
-    says = f"{spread / MG:.2f} mg over {_attitudes_text(stills, attitudes)}, worth {tilt / DEG:.4f} deg of tilt"
-    says += f"; gyro noise per segment {floor / DEG:.4f}"
+    text = f"{spread / MG:.2f} mg over {_attitudes_text(stills, attitudes)}, worth {tilt / DEG:.4f} deg of tilt"
+    text += f"; gyro noise per segment {floor / DEG:.4f}"
     if attitudes < ENOUGH_ATTITUDES and level == "ok" and not closure_run:
-        level, do = "note", f"it tells nothing of other attitudes: rest it in {ENOUGH_ATTITUDES} or more, on all sides"
+        level, do = "note", f"other attitudes are not covered: rest it in {ENOUGH_ATTITUDES} or more, on all sides"
     if len(lengths) > 1:
-        findings.append(Finding(level, where, "gravity spread", says, do))
+        findings.append(Finding(level, where, "gravity spread", text, do))
     return findings
 
 
@@ -274,9 +274,9 @@ def _unit_mistake(factor: float, length: float, config: Config, raw: bool) -> tu
         more = "" if config.accelerometer.source == "none" else ", and at [accelerometer] in session.toml"
         return f"no usual mistake of units explains it: look at the columns{more}", ()
     if factor in (G, 1 / G):
-        have, said, want = ("g", "m/s²", "ax_mps2") if factor == G else ("m/s²", "g", "ax_g")
-        do = f"m/s² and g are mixed up: the values are in {have}, but the header says {want}; correct the header"
-        return do, () if raw else (Correction(f"the specific force is in {have}, and is read as {said}", "accel", factor),)
+        have, stated, want = ("g", "m/s²", "ax_mps2") if factor == G else ("m/s²", "g", "ax_g")
+        do = f"m/s² and g are mixed up: the values are in {have}, but the header has {want}; correct the header"
+        return do, () if raw else (Correction(f"the specific force is in {have}, and is read as {stated}", "accel", factor),)
     if factor in (1e3, 1e-3):
         do = f"the values are {'1000 times too small' if factor > 1 else 'in mg or mm/s²'}: correct the unit"
         return do, () if raw else (Correction(f"the specific force is {1 / factor:g} times what it should be", "accel", factor),)
@@ -287,8 +287,8 @@ def _unit_mistake(factor: float, length: float, config: Config, raw: bool) -> tu
     settings = [("accel_fs_g", full_scale)]
     if raw and sensor.accel_mg_per_lsb is not None:
         settings.append(("accel_mg_per_lsb", factor * sensor.accel_mg_per_lsb))
-    says, columns = f"accel_fs_g is {full_scale:g}, not {sensor.accel_fs_g:g}", ("", 1.0) if raw else ("accel", factor)
-    return f"{do}; correct session.toml, or what converted the log", (Correction(says, *columns, settings=tuple(settings)),)
+    text, columns = f"accel_fs_g is {full_scale:g}, not {sensor.accel_fs_g:g}", ("", 1.0) if raw else ("accel", factor)
+    return f"{do}; correct session.toml, or what converted the log", (Correction(text, *columns, settings=tuple(settings)),)
 
 
 # A temperature, and whether it is in degC: what a chip survives, what its thermometer can scatter, and the steps of its register.
@@ -316,7 +316,7 @@ OTHERS = {
     "hundredths of a degree": lambda value: value / 100,
     "thousandths of a degree": lambda value: value / 1000,
 }
-#: those in which a logger writes whole numbers that a register may have as well, and its scatter tells apart
+#: those in which a logger writes whole numbers that a register may have as well, and its scatter separates
 WRITTEN = ("degC", "tenths of a degree", "Fahrenheit", "kelvin")
 
 
@@ -330,18 +330,18 @@ def check_temperature(log: Log, stills: list[Still], sensor: Sensor) -> list[Fin
         return [Finding("note", where, WHAT, "not recorded: a bias that follows temperature cannot be separated from drift")]
     low, high = map(float, np.percentile(temp_c, [1, 99]))
     if (other := _scatters(temp_c, sensor.profile) or other_unit(low, high, sensor.profile, _step(temp_c))) is not None:
-        level, says, do = other
-        return [Finding(level, where, WHAT, says, do)]
+        level, text, do = other
+        return [Finding(level, where, WHAT, text, do)]
     if log.raw and (converted := _converted(temp_c, sensor)) is not None:
         return [Finding("note", where, WHAT, *converted)]
     if np.ptp(temp_c) == 0:
         return [Finding("note", where, WHAT, f"stands at {temp_c[0]:.2f} degC: is the register read?")]
     means = np.array([still.temp_c for still in stills]) if len(stills) > 1 else np.array([low, high])
-    moved, says = np.ptp(means), f"{means.min():.1f} to {means.max():.1f} degC"
+    moved, text = np.ptp(means), f"{means.min():.1f} to {means.max():.1f} degC"
     if moved > TEMP_CHANGE_C:
-        says += f", moved {moved:.1f} (bar {TEMP_CHANGE_C:g}): the bias is likely to follow"
-        return [Finding("note", where, WHAT, says, "let it warm up before, or let the fit include temperature")]
-    return [Finding("ok", where, WHAT, says)]
+        text += f", moved {moved:.1f} (bar {TEMP_CHANGE_C:g}): the bias is likely to follow"
+        return [Finding("note", where, WHAT, text, "let it warm up before, or let the fit include temperature")]
+    return [Finding("ok", where, WHAT, text)]
 
 
 def other_unit(low: float, high: float, profile: Profile | None, step: float = 0.0) -> tuple[str, str, str] | None:
@@ -353,15 +353,15 @@ def other_unit(low: float, high: float, profile: Profile | None, step: float = 0
     register = None if profile is None else profile.thermometer
     if low < works[0] or high > works[1]:
         whose = "a chip survives" if works is CHIP_C else "the sensor works from"
-        says = f"{low:.1f} to {high:.1f} degC; {whose} {works[0]:g} to {works[1]:g}"
+        text = f"{low:.1f} to {high:.1f} degC; {whose} {works[0]:g} to {works[1]:g}"
         scale = "" if register is None else f"{register.lsb_per_c:.6g} LSB per degC, 0 at {register.at_zero_c:.4g} degC: "
-        return "warning", says, f"{scale}look at the column and its unit{units_of_people(low, high, profile)}"
+        return "warning", text, f"{scale}look at the column and its unit{units_of_people(low, high, profile)}"
     if low < WARM_C or not _handled("Fahrenheit", low, high):
         return None
-    says = f"{low:.1f} to {high:.1f} degC, which in Fahrenheit is {_words('Fahrenheit', low, high)}"
+    text = f"{low:.1f} to {high:.1f} degC, which in Fahrenheit is {_words('Fahrenheit', low, high)}"
     if register is not None and abs(step * abs(register.lsb_per_c) / 1.8 - 1) < STEP_WITHIN:
-        return "warning", f"{says}; its steps of {step:.4g} are those of this sensor's register in Fahrenheit", "write temp_c in degC"
-    return "note", says, "is the column in degC, as its name says?"
+        return "warning", f"{text}; its steps of {step:.4g} are those of this sensor's register in Fahrenheit", "write temp_c in degC"
+    return "note", text, "is the column in degC, by its name?"
 
 
 def _scatters(temp_c: np.ndarray, profile: Profile | None) -> tuple[str, str, str] | None:
@@ -375,8 +375,8 @@ def _scatters(temp_c: np.ndarray, profile: Profile | None) -> tuple[str, str, st
     if rms <= SCATTER_C:
         return None
     low, high = map(float, np.percentile(temp_c, [1, 99]))
-    says = f"scatters by {rms:.3g} degC rms from sample to sample (bar {SCATTER_C:g}), {low:.0f} to {high:.0f}: no thermometer does"
-    return "warning", says, f"is it the raw register? then the column is called temp{units_of_people(low, high, profile)}"
+    text = f"scatters by {rms:.3g} degC rms from sample to sample (bar {SCATTER_C:g}), {low:.0f} to {high:.0f}: no thermometer does"
+    return "warning", text, f"is it the raw register? then the column is called temp{units_of_people(low, high, profile)}"
 
 
 def _converted(temp_c: np.ndarray, sensor: Sensor) -> tuple[str, str] | None:
@@ -400,11 +400,11 @@ def _converted(temp_c: np.ndarray, sensor: Sensor) -> tuple[str, str] | None:
     if not read:
         return None
     per_c, zero_c = register.lsb_per_c, register.at_zero_c
-    says = (
+    text = (
         f"{temp_c.min():.2f} to {temp_c.max():.2f} degC in single steps of the register, {abs(per_c):.4g} per degC: no such thermometer "
         f"is so quiet ({', '.join(read)})"
     )
-    return says, f"does temp hold the register, as its name says? T degC stand there as (T - {zero_c:g}) * {per_c:.6g}"
+    return text, f"does temp hold the register, by its name? T degC stand there as (T - {zero_c:g}) * {per_c:.6g}"
 
 
 def units_of_people(low: float, high: float, profile: Profile | None) -> str:
@@ -433,7 +433,7 @@ def _step(values: np.ndarray) -> float:
     return float(np.quantile(steps, 0.01)) if len(steps) else 0.0
 
 
-# The first look at a rest log: was it still throughout, is it in the units that it says, and how far did the temperature go?
+# The first look at a rest log: was it still throughout, is it in the units that it declares, and how far did the temperature go?
 
 #: of one g: the error of an uncalibrated accelerometer at rest
 GRAVITY_WITHIN = 0.3
@@ -465,23 +465,23 @@ def check_rest(log: RestLog) -> list[Finding]:
 
 def _gravity(log: RestLog, where: str) -> Finding:
     length_g = median_length(log.accel) / G
-    says = f"{length_g:.3f} g at rest (1 within {GRAVITY_WITHIN:g})"
+    text = f"{length_g:.3f} g at rest (1 within {GRAVITY_WITHIN:g})"
     if abs(length_g - 1) <= GRAVITY_WITHIN:
-        return Finding("ok", where, "gravity", says)
-    return Finding("error", where, "gravity", says, "is the accelerometer's unit or full scale right, and does the sensor lie still?")
+        return Finding("ok", where, "gravity", text)
+    return Finding("error", where, "gravity", text, "is the accelerometer's unit or full scale right, and does the sensor lie still?")
 
 
 def _still(log: RestLog, where: str) -> Finding:
     out = knocked(log)
     share = float(out.mean())
     if share > KNOCKED_SHARE:
-        says = f"{100 * share:.0f} % of the time is more restless than the rest (at most {100 * KNOCKED_SHARE:.0f} %)"
-        return Finding("error", where, "stillness", says, "let the sensor lie away from footsteps and machines")
+        text = f"{100 * share:.0f} % of the time is more restless than the rest (at most {100 * KNOCKED_SHARE:.0f} %)"
+        return Finding("error", where, "stillness", text, "let the sensor lie away from footsteps and machines")
     if not out.any():
         return Finding("ok", where, "stillness", f"still for all of {log.duration_s:.0f} s")
     times = ", ".join(f"{t:.0f}" for t in log.t_s[np.flatnonzero(np.diff(out.astype(int), prepend=0) > 0)][:6])
-    says = f"knocks at {times} s{'' if np.count_nonzero(np.diff(out.astype(int), prepend=0) > 0) <= 6 else ' and later'}"
-    return Finding("note", where, "stillness", f"{says}: {np.count_nonzero(out) * log.block_s:.0f} s are left out")
+    text = f"knocks at {times} s{'' if np.count_nonzero(np.diff(out.astype(int), prepend=0) > 0) <= 6 else ' and later'}"
+    return Finding("note", where, "stillness", f"{text}: {np.count_nonzero(out) * log.block_s:.0f} s are left out")
 
 
 def _attitude(log: RestLog, where: str) -> list[Finding]:
@@ -495,8 +495,8 @@ def _attitude(log: RestLog, where: str) -> list[Finding]:
     if tilts[worst] <= TILT_DEG:
         return []
     at_s = float(log.t_s[min((worst + 1) * TILT_BLOCKS, len(log) - 1)])
-    says = f"tilts by {tilts[worst]:.2f}° around {at_s:.0f} s (at most {TILT_DEG:g}° within {2 * TILT_BLOCKS * log.block_s:.0f} s)"
-    return [Finding("warning", where, "attitude", says, "fix the sensor to something heavy; split the log where it was moved")]
+    text = f"tilts by {tilts[worst]:.2f}° around {at_s:.0f} s (at most {TILT_DEG:g}° within {2 * TILT_BLOCKS * log.block_s:.0f} s)"
+    return [Finding("warning", where, "attitude", text, "fix the sensor to something heavy; split the log where it was moved")]
 
 
 def _temperature(log: RestLog, where: str) -> Finding:
@@ -504,13 +504,13 @@ def _temperature(log: RestLog, where: str) -> Finding:
         do = "log the sensor's temperature with the rates (temp, or temp_c)"
         return Finding("warning", where, "temperature", "no such column: only the noise can be estimated", do)
     low, high = float(log.temp_c.min()), float(log.temp_c.max())
-    says = f"{low:.1f} to {high:.1f} °C"
+    text = f"{low:.1f} to {high:.1f} °C"
     if low < CHIP_C[0] or high > CHIP_C[1]:
         do = f"is the column's unit right? temp_c is in °C{units_of_people(low, high, None)}"
-        return Finding("error", where, "temperature", f"{says}, where no chip survives", do)
+        return Finding("error", where, "temperature", f"{text}, where no chip survives", do)
     if (other := other_unit(low, high, None)) is not None:
         return Finding(other[0], where, "temperature", *other[1:])
     if high - low < LEAST_RANGE_C:
         do = "let it go through the temperatures of its use, up and down"
-        return Finding("warning", where, "temperature", f"{says}: {high - low:.1f} °C of change (at least {LEAST_RANGE_C:g})", do)
-    return Finding("ok", where, "temperature", says)
+        return Finding("warning", where, "temperature", f"{text}: {high - low:.1f} °C of change (at least {LEAST_RANGE_C:g})", do)
+    return Finding("ok", where, "temperature", text)

@@ -47,26 +47,26 @@ def check_rate(log: Log, sensor: Sensor) -> list[Finding]:
     findings = [_counted(log, sensor) or _against_declared(where, true_hz, sensor)]
     stated_hz = log.number("odr_hz")
     if stated_hz and abs(off := true_hz / stated_hz - 1) > ODR_CLOCKS:
-        says = f"{true_hz:.2f} Hz by the stamps, odr_hz={stated_hz:g} by the log's own comment ({off:+.1%}, bar {ODR_CLOCKS:.1%})"
-        findings.append(Finding("warning", where, "sample rate", says, "one of them is wrong; wrong stamps are a scale error of this size"))
+        text = f"{true_hz:.2f} Hz by the stamps, odr_hz={stated_hz:g} by the log's own comment ({off:+.1%}, bar {ODR_CLOCKS:.1%})"
+        findings.append(Finding("warning", where, "sample rate", text, "one of them is wrong; wrong stamps are a scale error of this size"))
     return findings
 
 
 def _against_declared(where: str, true_hz: float, sensor: Sensor) -> Finding:
     off, profile = true_hz / sensor.odr_hz - 1, sensor.profile
-    says = f"{true_hz:.2f} Hz by the stamps, {sensor.odr_hz:g} Hz declared ({off:+.1%})"
+    text = f"{true_hz:.2f} Hz by the stamps, {sensor.odr_hz:g} Hz declared ({off:+.1%})"
     if abs(off) <= ODR_WRONG:
         level = "note" if abs(off) > ODR_UNIT_SPREAD else "ok"
-        return Finding(level, where, "sample rate", says + ("; the stamps are used" if level == "note" else ""))
+        return Finding(level, where, "sample rate", text + ("; the stamps are used" if level == "note" else ""))
     near = None if profile is None else profile.nearest_hz(true_hz)
     otherwise = "or the stamps are not the device's time: then every rate is wrong by this much"
     if profile is None or near is None:
-        says += "; the stamps are used, and how far this sensor's clock may be off is not known"
-        return Finding("warning", where, "sample rate", says, f"correct odr_hz; {otherwise}", _rates(true_hz, sensor, true_hz))
+        text += "; the stamps are used, and how far this sensor's clock may be off is not known"
+        return Finding("warning", where, "sample rate", text, f"correct odr_hz; {otherwise}", _rates(true_hz, sensor, true_hz))
     fits = f"the sensor has {near:g} Hz: correct odr_hz" if abs(true_hz / near - 1) < ODR_WRONG else "no rate of the sensor fits"
     if profile.clock_within is not None:
-        says += f"; parts differ by {100 * profile.clock_within.value:g} % at most"
-    return Finding("error", where, "sample rate", says, f"{fits}; {otherwise}", _rates(true_hz, sensor, near))
+        text += f"; parts differ by {100 * profile.clock_within.value:g} % at most"
+    return Finding("error", where, "sample rate", text, f"{fits}; {otherwise}", _rates(true_hz, sensor, near))
 
 
 def _rates(true_hz: float, sensor: Sensor, rate_hz: float) -> tuple[Correction, ...]:
@@ -79,31 +79,31 @@ def _rates(true_hz: float, sensor: Sensor, rate_hz: float) -> tuple[Correction, 
 
 
 def _counted(log: Log, sensor: Sensor) -> Finding | None:
-    """Stamps that say nothing of the true rate: the log or session.toml says so, or each is a multiple of the declared period."""
+    """Stamps that show nothing of the true rate: the log or session.toml states so, or each is a multiple of the declared period."""
     if log.counted or sensor.odr_sigma is not None:
         if (nominal := sensor.nominal_rate) is None:
-            says = f"{sensor.odr_hz:g} Hz, measured, as sensor.odr_sigma = 0 says"
-            return Finding("ok", log.path.name, "sample rate", says)
+            text = f"{sensor.odr_hz:g} Hz, measured (sensor.odr_sigma = 0)"
+            return Finding("ok", log.path.name, "sample rate", text)
         why = "the log had no stamps, its samples were counted; " if log.counted else ""
-        says = f"{nominal.words}; {why}the scale of all axes is no better known"
+        text = f"{nominal.words}; {why}the scale of all axes is no better known"
         do = "log the device's own time, or measure the data rate and give odr_hz with sensor.odr_sigma"
-        return Finding("warning", log.path.name, "sample rate", says, do)
+        return Finding("warning", log.path.name, "sample rate", text, do)
     if not looks_counted(log, sensor):
         return None
-    says = f"{sensor.odr_hz:g} Hz as declared, and every step exactly so: they look counted, not measured; the true rate is not known"
+    text = f"{sensor.odr_hz:g} Hz as declared, and every step exactly so: they look counted, not measured; the true rate is not known"
     do = "a true rate that differs is a scale error of the same size; were they counted, give sensor.odr_sigma (0.03 is usual)"
-    return Finding("note", log.path.name, "sample rate", says, do)
+    return Finding("note", log.path.name, "sample rate", text, do)
 
 
 def looks_counted(log: Log, sensor: Sensor) -> bool:
-    """Whether every stamp of a file is a multiple of the declared period, and nothing says what the true rate is.
+    """Whether every stamp of a file is a multiple of the declared period, and nothing states what the true rate is.
 
     A board that states a rate which is neither the sensor's nor whole has measured it: its even stamps are no count.
     """
     measured = sensor.odr_hz != sensor.nominal_hz and sensor.odr_hz % 1 > 0
-    told = log.in_memory or log.counted or measured or sensor.odr_sigma is not None or sensor.clock_sigma is not None
+    known = log.in_memory or log.counted or measured or sensor.odr_sigma is not None or sensor.clock_sigma is not None
     samples = log.samples
-    if told or len(samples) < LEAST_COUNTED or abs(samples.period_s * sensor.odr_hz - 1) > COUNTED_WITHIN:
+    if known or len(samples) < LEAST_COUNTED or abs(samples.period_s * sensor.odr_hz - 1) > COUNTED_WITHIN:
         return False
     periods = (samples.t_ns - samples.t_ns[0]) * (sensor.odr_hz * NS)
     return bool(np.abs(periods - np.rint(periods)).max() <= COUNTED_WITHIN)
@@ -118,10 +118,10 @@ def unit_factor(true_hz: float, declared_hz: float) -> float | None:
 def _wrong_unit(where: str, true_hz: float, sensor: Sensor, factor: float) -> Finding:
     fast = factor > 1
     times = round(factor if fast else 1 / factor)
-    says = f"{true_hz:.6g} Hz by the stamps, {sensor.odr_hz:g} Hz declared: time runs {times} times too {'fast' if fast else 'slowly'}"
+    text = f"{true_hz:.6g} Hz by the stamps, {sensor.odr_hz:g} Hz declared: time runs {times} times too {'fast' if fast else 'slowly'}"
     do = f"{(FASTER if fast else SLOWER)[times]}? correct the name of the time column (t_ns, t_us, t_s), or --time-unit of import"
     named = (FASTER if fast else SLOWER)[times]
-    return Finding("error", where, "time unit", says, do, (Correction(f"the time column is in another unit: {named}", "time", factor),))
+    return Finding("error", where, "time unit", text, do, (Correction(f"the time column is in another unit: {named}", "time", factor),))
 
 
 def check_warming(log: Log) -> list[Finding]:
@@ -133,27 +133,27 @@ def check_warming(log: Log) -> list[Finding]:
     moved, over_s = float(np.ptp(means)), samples.duration_s * (1 - 1 / BLOCKS)
     if moved / over_s <= FASTEST_C_PER_S:
         return []
-    says = f"{moved:.0f} degC within {over_s:.3g} s, bar {FASTEST_C_PER_S:g} degC/s: no sensor warms or cools so fast"
-    return [Finding("warning", log.path.name, "time unit", says, "is the time column's unit right (us read as ns)? is the temperature's?")]
+    text = f"{moved:.0f} degC within {over_s:.3g} s, bar {FASTEST_C_PER_S:g} degC/s: no sensor warms or cools so fast"
+    return [Finding("warning", log.path.name, "time unit", text, "is the time column's unit right (us read as ns)? is the temperature's?")]
 
 
 def check_length(log: Log, segment_s: float) -> list[Finding]:
     """A log in which nothing rests, and which is over before one segment could be: time may be in another unit."""
-    lasts_s = log.samples.duration_s
-    if lasts_s >= segment_s:
+    length_s = log.samples.duration_s
+    if length_s >= segment_s:
         return []
-    says = f"no still and no turn: all {len(log.samples)} samples lie within {lasts_s:.3g} s, less than one segment of {segment_s:g} s"
-    return [Finding("error", log.path.name, "time unit", says, "is the time column's unit right (us read as ns)? else record for longer")]
+    text = f"no still and no turn: all {len(log.samples)} samples lie within {length_s:.3g} s, less than one segment of {segment_s:g} s"
+    return [Finding("error", log.path.name, "time unit", text, "is the time column's unit right (us read as ns)? else record for longer")]
 
 
-# Where the rate by the stamps changes within a log, and what gravity says of it.
+# Where the rate by the stamps changes within a log, and what gravity shows of it.
 
 #: of the change, in the turns: more is the clock's, less the sensor's, where three sigmas of it are less than this
-TELLS, SURELY = 0.5, 3.0
+RESOLVED, SURELY = 0.5, 3.0
 
 
 def check_rate_changes(samples: Samples, where: str, turns: Sequence[Ends], noise: Noise | None, segment_s: float) -> list[Finding]:
-    """Where the rate by the stamps changes at once, and what gravity says of it; turns: the stills around each.
+    """Where the rate by the stamps changes at once, and what gravity shows of it; turns: the stills around each.
 
     A turn is integrated with its stamps: stamps that run slow make it too long by as much.  Where the sensor has really changed its pace,
     the turns of all pieces agree with gravity alike.
@@ -165,17 +165,17 @@ def check_rate_changes(samples: Samples, where: str, turns: Sequence[Ends], nois
     worst = max((abs(piece.hz / usual.hz - 1) for piece in others), default=0.0) * (float(np.median(angles)) if angles else 0.0)
     if not others or worst <= noise_floor(noise, segment_s):
         return []
-    said = [f"{piece.hz:.2f} Hz from {samples.at_s(piece.start):.1f} to {samples.at_s(piece.stop - 1):.1f} s" for piece in found]
-    says = f"by the stamps {', '.join(said[:4])}" + (f" and {len(said) - 4} more" if len(said) > 4 else "")
-    says += f": {worst / DEG:.2g} deg per turn, if the clock changed"
+    stated = [f"{piece.hz:.2f} Hz from {samples.at_s(piece.start):.1f} to {samples.at_s(piece.stop - 1):.1f} s" for piece in found]
+    text = f"by the stamps {', '.join(stated[:4])}" + (f" and {len(stated) - 4} more" if len(stated) > 4 else "")
+    text += f": {worst / DEG:.2g} deg per turn, if the clock changed"
     share = share_of_stretch(samples, turns, [_off(found, usual, (a.stop + b.start) // 2) for a, b in turns])
-    told = share is not None and share[1] * SURELY < TELLS
-    if share is not None and told and share[0] < TELLS:
-        return [Finding("note", where, RATE_CHANGES, f"{says}; gravity shows that the sensor did, and the stamps are right")]
+    decided = share is not None and share[1] * SURELY < RESOLVED
+    if share is not None and decided and share[0] < RESOLVED:
+        return [Finding("note", where, RATE_CHANGES, f"{text}; gravity shows that the sensor did, and the stamps are right")]
     do = "stamp with the device's own clock, and switch off what sets the clock meanwhile; or take the part of one rate, --lines of import"
-    if told:
-        return [Finding("error", where, RATE_CHANGES, f"{says}; gravity shows that it was the clock", do)]
-    return [Finding("warning", where, RATE_CHANGES, f"{says}; gravity does not tell whether it or the sensor did", do)]
+    if decided:
+        return [Finding("error", where, RATE_CHANGES, f"{text}; gravity shows that it was the clock", do)]
+    return [Finding("warning", where, RATE_CHANGES, f"{text}; gravity does not show whether it or the sensor did", do)]
 
 
 def _off(found: Sequence[RatePiece], usual: RatePiece, row: int) -> float:
@@ -205,7 +205,7 @@ LEAST_EXPONENT = 1.0
 MARGIN = 4
 #: of the floor: less than that is nothing
 LEAST_REPORTED = 0.1
-#: fewer turns tell no exponent
+#: fewer turns determine no exponent
 LEAST_TURNS = 5
 #: rows that are looked at together
 AT_ONCE = 1 << 19
@@ -228,22 +228,22 @@ def check_undersampling(log: Log, turns: Sequence[Ends], noise: Noise | None, co
     error, floor = (f"{angle / DEG:.2g}°" for angle in (rms_rad, floor_rad))
     if rms_rad <= floor_rad:
         by = f"by about {error} rms" if rms_rad > LEAST_REPORTED * floor_rad else "nothing"
-        says = f"turns miss {by} of what is faster than {half_hz:.3g} Hz, half the data rate; white noise makes {floor}"
-        return [Finding("ok", where, what, says)]
+        text = f"turns miss {by} of what is faster than {half_hz:.3g} Hz, half the data rate; white noise makes {floor}"
+        return [Finding("ok", where, what, text)]
     if exponent < LEAST_EXPONENT:
         return []
     needed_hz = 2 * half_hz * (rms_rad / floor_rad) ** (1 / exponent)  # where the rms would be down at the floor
-    says = (
+    text = (
         f"motion faster than {half_hz:.3g} Hz, half the data rate: turns miss by about {error} rms that no calibration removes "
         f"(less if the sensor filters it); white noise makes {floor}"
     )
     do = f"{needed_hz:.0f} Hz would have been enough, or a low-pass below {half_hz:.3g} Hz in the sensor; or turn more smoothly"
-    return [Finding("warning", where, what, says, do)]
+    return [Finding("warning", where, what, text, do)]
 
 
 def _missed_of_turns(samples: Samples, turns: Sequence[Ends], noise: Noise, segment_s: float) -> tuple[float, float, float] | None:
     """What all readings miss of the tilt of turns between these pairs of stills, rad rms; the exponent p; and the rms, rad, of what white
-    noise alone makes of a segment, which lasts ``segment_s`` or as long as the turn.  None where they are too few.
+    noise alone makes of a segment, ``segment_s`` long or as long as the turn.  None where they are too few.
 
     A false reading in one of the turns does not count for more than that turn can.
     """
@@ -254,19 +254,19 @@ def _missed_of_turns(samples: Samples, turns: Sequence[Ends], noise: Noise, segm
     # Beyond the stills' mean rate: sums over a log of hours then stay small.
     rest = np.mean([still.gyro_mean for turn in turns for still in turn], axis=0)
     walk = np.mean(noise.angle_random_walk**2)
-    lasts_s = np.empty(len(turns))
+    length_s = np.empty(len(turns))
     square = np.empty((len(STEPS), len(turns)))
     for some, looked_at in _together(rows, len(samples)):
         rate, t_s = samples.gyro[looked_at] - rest, (samples.t_ns[looked_at] - samples.t_ns[0]) * NS
         ends = np.searchsorted(looked_at, rows[:, some])
-        lasts_s[some] = t_s[ends[1]] - t_s[ends[0]]
+        length_s[some] = t_s[ends[1]] - t_s[ends[0]]
         whole = _sums(rate, t_s, ends, looked_at, 1, 0)
         for number, step in enumerate(STEPS):
             apart = [_tilt_square(_sums(rate, t_s, ends, looked_at, step, offset) - whole, down[some]) for offset in range(step)]
-            square[number, some] = np.mean(apart, axis=0) - 2 * (step - 1) * walk * lasts_s[some]
+            square[number, some] = np.mean(apart, axis=0) - 2 * (step - 1) * walk * length_s[some]
     exponent = thinning_exponent(square)
     error = np.sqrt(np.maximum(np.mean(square / thinning_weights(exponent)[:, None], axis=0), 0.0)) if exponent else np.zeros(len(turns))
-    return rms_of(capped(error)), exponent, float(np.sqrt(2 * walk * np.mean(np.maximum(lasts_s, segment_s))))
+    return rms_of(capped(error)), exponent, float(np.sqrt(2 * walk * np.mean(np.maximum(length_s, segment_s))))
 
 
 def _together(rows: np.ndarray, count: int) -> Iterator[tuple[slice, np.ndarray]]:

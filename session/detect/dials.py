@@ -2,7 +2,7 @@
 
 A row typed wrongly, repeated or exchanged with another is off by degrees, the others by hundredths.  So each row is held against what the
 others are usually off by, and one that is beyond chance is left out.  Gravity sees roll and pitch; yaw is seen by the gyroscope, whose
-scale, alignment and mounting are fitted to all turns at once, robustly, so that the wrong rows have no say in it.
+scale, alignment and mounting are fitted to all turns at once, robustly, so that the wrong rows have no weight in it.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ DIAL_ROW, DIAL_TURN = "dial reading", "dials against gyro"
 MEDIAN_OF_2, MEDIAN_OF_3 = 1.1774, 1.5382
 #: probability that chance alone takes a row out of a session
 BY_CHANCE = 1e-3
-#: fewer tell nothing of the usual row; more wrong rows than this share are another convention of angles, or another numbering
+#: fewer show nothing of a usual row; more wrong rows than this share are another convention of angles, or another numbering
 FEWEST, MOST_WRONG = 5, 0.25
 #: prior of an uncalibrated gyroscope's scale and alignment, one sigma of each element; and of the sensor's mounting on the table, rad
 PRIOR_E, PRIOR_MOUNTING_RAD = 0.05, 5 * DEG
@@ -37,10 +37,10 @@ BLOCKS = 100
 
 
 def without_wrong_dials(session: Session, parts: Sequence[LogSegments]) -> tuple[Session, list[LogSegments], list[Finding]]:
-    """A session without the dial readings that gravity or the turns contradict, its segments, and what to say of each.
+    """A session without the dial readings that gravity or the turns contradict, its segments, and what to report of each.
 
     A turn alone that the dials contradict, while the readings on either side agree with their other turns, is rejected.  A session whose
-    reference is not the table, and one with many contradictions, is returned as it is: the first look says what they are.
+    reference is not the table, and one with many contradictions, is returned as it is: the first look reports what they are.
     """
     table = session.attitudes
     if table is None or session.config.protocol.reference != "table" or session.reference is not None:
@@ -56,13 +56,13 @@ def without_wrong_dials(session: Session, parts: Sequence[LogSegments]) -> tuple
         return session, list(parts), []
     findings = []
     table = table.copy()
-    for still, says in sorted(wrong.items()):
+    for still, text in sorted(wrong.items()):
         table[still] = np.nan
         line = session.attitude_lines[still] if still < len(session.attitude_lines) else None
         where = ATTITUDES if line is None else f"{ATTITUDES} line {line}"
-        findings.append(Finding("warning", where, DIAL_ROW, f"still {still}: {says}: left out", "correct or remove that row"))
-    for segment, says in turns.items():
-        findings.append(Finding("warning", ATTITUDES, DIAL_TURN, f"turn {segment}: {says}: left out", "were samples lost in it?"))
+        findings.append(Finding("warning", where, DIAL_ROW, f"still {still}: {text}: left out", "correct or remove that row"))
+    for segment, text in turns.items():
+        findings.append(Finding("warning", ATTITUDES, DIAL_TURN, f"turn {segment}: {text}: left out", "were samples lost in it?"))
     kept = []
     for part in parts:
         segments = [replace(s, problem=turns[s.number], breaks_yaw=True) if s.number in turns and s.accepted else s for s in part.segments]
@@ -123,13 +123,13 @@ def _against_turns(
         segment, _, first, last = found[i]
         if {first, last} & both:
             continue
-        # At an end of the session, or beside a row that is out already, a reading has one turn only.
+        # At an end of the session, or next to a row that is out already, a reading has one turn only.
         single = [still for still in (first, last) if len(sides[still]) == 1]
         if len(single) == 1:
             rows.add(single[0])
         elif missed[i] > APART_RAD + APART_SHARE * segment.turn_deg * DEG:
             turns[segment.number] = f"the dials turn by {missed[i] / DEG:.1f}° otherwise than the gyro ({than})"
-    return {still: f"the gyro's turns beside it miss it by {missed[sides[still]].min() / DEG:.2f}° ({than})" for still in rows}, turns
+    return {still: f"the gyro's turns around it miss it by {missed[sides[still]].min() / DEG:.2f}° ({than})" for still in rows}, turns
 
 
 def _missed(turn: np.ndarray, first: np.ndarray, last: np.ndarray, dial_rad: float) -> tuple[np.ndarray, float]:

@@ -95,10 +95,10 @@ def plateau(values: np.ndarray, level: float, least_run: int) -> np.ndarray:
     return mask
 
 
-# Impacts: the table hits a stop, or the sensor is set down hard.  A movement that lasts a few milliseconds falls between two readings.
+# Impacts: the table hits a stop, or the sensor is set down hard.  A movement that takes a few milliseconds falls between two readings.
 #
 # The length of the specific force does not depend on how the sensor lies, and no hand changes it by ``JUMP_G`` between two readings: what
-# does, is shorter than they are apart.  What the gyroscope missed of it no reading tells; only the closure of such turns does.
+# does, is shorter than they are apart.  What the gyroscope missed of it no reading shows; only the closure of such turns does.
 
 #: g, from one reading to the next; hand turns without a stop reach 0.8 at 62.5 to 100 Hz (docs/real-recordings.md)
 JUMP_G = 1.0

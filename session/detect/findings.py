@@ -1,4 +1,4 @@
-"""What a check has to say: one record, and the text helpers that the checks share."""
+"""What a check reports: one record, and the text helpers that the checks share."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ Axes = tuple[tuple[int, int, int], ...]
 
 @dataclass(frozen=True)
 class Correction:
-    """A cause that explains a finding, and what undoes it in a log or in session.toml.
+    """A cause that explains a finding, and what reverses it in a log or in session.toml.
 
-    says: the cause; kind: ``gyro``, ``accel`` or ``time``, whose columns change, or nothing; factor: of what is read from them; axes: rows
-    of a signed permutation, true = factor * axes @ read, or None; settings: keys of ``[sensor]`` with their right values.  Where these
+    states: the cause; kind: ``gyro``, ``accel`` or ``time``, whose columns change, or nothing; factor: of what is read from them; axes:
+    rows of a signed permutation, true = factor * axes @ read, or None; settings: keys of ``[sensor]`` with their right values.  Where these
     change what is read (registers), the columns stay.
     """
 
@@ -39,8 +39,8 @@ class Finding:
     """One result of one check.
 
     level: ``ok`` within its bar, ``note`` worth knowing, ``warning`` costs accuracy, ``error`` makes the calibration wrong;
-    where: the file, or the folder's part; what: the check's short name; says: the measured number with its bar;
-    do: what to do about it, or nothing; corrections: the causes that explain it, each with what undoes it; none where it is not known.
+    where: the file, or the folder's part; what: the check's short name; states: the measured number with its bar;
+    do: what to do about it, or nothing; corrections: the causes that explain it, each with what reverses it; none where it is not known.
     """
 
     level: Annotated[str, Text(LEVELS)]
@@ -86,12 +86,12 @@ def stop_at_errors(findings: list[Finding]) -> None:
 
 # Findings on arrays that were never a file speak of the arguments of ``Session.from_arrays``.
 
-#: what a finding says of a file -> the same of arguments, the longer words first
+#: what a finding states of a file -> the same of arguments, the longer words first
 ARGUMENTS = {
     "name the columns gx_dps, gy_dps, gz_dps": 'give rate_unit="dps"',
     "name the columns gx_rps, gy_rps, gz_rps": 'give rate_unit="rad/s"',
-    "the values are in g, but the header says ax_mps2; correct the header": 'the values are in g; give force_unit="g"',
-    "the values are in m/s², but the header says ax_g; correct the header": 'the values are in m/s²; give force_unit="m/s^2"',
+    "the values are in g, but the header has ax_mps2; correct the header": 'the values are in g; give force_unit="g"',
+    "the values are in m/s², but the header has ax_g; correct the header": 'the values are in m/s²; give force_unit="m/s^2"',
     "correct the name of the time column (t_ns, t_us, t_s), or --time-unit of import": "give t_s in seconds",
     "is the time column's unit right (us read as ns)?": "is t_s in seconds?",
     "correct the columns or their signs where the log is written": "correct the columns of gyro_rps or their signs",
@@ -103,7 +103,7 @@ ARGUMENTS = {
     "correct what converted the log": "correct gyro_fs_dps, or what made the arrays",
     "correct gyro_fs_dps in session.toml": "correct gyro_fs_dps",
     "is [accelerometer] of session.toml this sensor's pre-calibration?": "is accelerometer= this sensor's pre-calibration?",
-    "session.toml says": "the argument says",
+    "session.toml has": "the argument has",
     "keep it with --accelerometer given": 'keep it with accelerometer="given"',
     "give [accelerometer] where": "give accelerometer= where",
     " in session.toml": "",
@@ -114,7 +114,7 @@ ARGUMENTS = {
 
 def as_arguments(finding: Finding) -> Finding:
     """The finding with the words of ``Session.from_arrays``."""
-    where, says, do = finding.where, finding.says, finding.do
+    where, text, do = finding.where, finding.says, finding.do
     for words, arguments in ARGUMENTS.items():
-        where, says, do = (text.replace(words, arguments) for text in (where, says, do))
-    return replace(finding, where=where, says=says, do=do)
+        where, text, do = (text.replace(words, arguments) for text in (where, text, do))
+    return replace(finding, where=where, says=text, do=do)

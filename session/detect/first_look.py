@@ -187,7 +187,7 @@ def _rests_alone(folder: Path) -> list[Finding] | None:
             return None
         config = read_config(folder / "session.toml")
     except CalibrationError:
-        return None  # the reading of the session says it
+        return None  # the reading of the session reports it
     return _check_keys(config) + check_rests(tuple(paths), config.sensor)
 
 
@@ -228,8 +228,8 @@ def _check_keys(config: Config) -> list[Finding]:
     """Keys of session.toml that nothing reads: a misspelt one would silently leave its default in force.  And a sensor without a name."""
     findings = []
     if not config.model_given:
-        says = f"sensor.model is not given: its registers and limits are taken to be those of an {config.sensor.model}"
-        findings.append(Finding("note", "session.toml", "sensor", says, 'name it (`calibrate.py sensors`), or say "unknown"'))
+        text = f"sensor.model is not given: its registers and limits are taken to be those of an {config.sensor.model}"
+        findings.append(Finding("note", "session.toml", "sensor", text, 'name it (`calibrate.py sensors`), or give "unknown"'))
     if (ratio := config.sensor.clock_ratio) is not None:
         words, sigma_ppm = config.sensor.clock_words, config.sensor.clock_sigma_ppm or 0.0
         level = "warning" if abs(ratio - 1) > 3 * max(HOST_CLOCK, 1e-6 * sigma_ppm) else "ok"
@@ -252,8 +252,8 @@ def check_by_hand(session: Session) -> list[Finding]:
             count["segment" if isinstance(row, LeftOut) else "still" if row.from_s is None else "moved still"] += 1
             continue
         where = "lies outside of it" if mine else "is no log of this session"
-        says, do = f"{row.log} at {row.at_s:g} s is left out, which {where}", "correct log and at_s (s of the log's clock), or remove it"
-        findings.append(Finding("warning", "session.toml", "exclude", says, do))
+        text, do = f"{row.log} at {row.at_s:g} s is left out, which {where}", "correct log and at_s (s of the log's clock), or remove it"
+        findings.append(Finding("warning", "session.toml", "exclude", text, do))
     parts = [f"{number} {what}{'s' * (number > 1)} left out" for what, number in count.items() if number and what != "moved still"]
     if number := count["moved still"]:
         parts.append(f"the ends of {number} still{'s' * (number > 1)} moved")

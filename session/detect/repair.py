@@ -28,19 +28,19 @@ from session.log.lines import Lines
 
 # From findings to a copy.
 #
-# The causes are undone one after the other: time first, since stills depend on it; then settings and the accelerometer's unit, which the
+# The causes are reversed one after the other: time first, since stills depend on it; then settings and the accelerometer's unit, which the
 # gyroscope is examined against; then axes; then the gyroscope's scale.  Of several causes that explain one finding, each is tried on a
-# copy: the one that leaves fewest errors is right, and where two leave as few, nothing tells which it is.  One after which gyroscope and
+# copy: the one that leaves fewest errors is right, and where two leave as few, nothing shows which it is.  One after which gyroscope and
 # gravity do not close is none.
 
 NAME, SCHEMA = "repaired.json", "tinygc-repair/1"
-#: what a finding is of, in the order in which its cause is undone
+#: what a finding is of, in the order in which its cause is reversed
 STAGES = ("time unit", "sample rate", "full scale", "gravity", "axes", "gyro scale")
 
 
 @dataclass(frozen=True)
 class Change:
-    """A cause that was undone: the finding it explains, what it was, and the files whose columns changed."""
+    """A cause that was reversed: the finding it explains, what it was, and the files whose columns changed."""
 
     what: str
     cause: Correction
@@ -91,14 +91,16 @@ def repair(source: Path, out: Path, cause: int | None = None) -> Repaired:
     refuse_special(source)
     protocol = read_config(source / "session.toml").protocol  # what is not there is named as the user wrote it
     if (kind := reference_of(protocol.reference)) is not None:
-        raise DataError(f"{source}: a {kind.title} tells its own clock and axes (see check); --repair takes sessions that gravity judges")
+        raise DataError(
+            f"{source}: a {kind.title} has its own clock and axes (see check); --repair takes sessions whose reference is gravity"
+        )
     with folder_whole(out) as whole, tempfile.TemporaryDirectory(dir=whole) as work:
         copy, changes = Path(work) / "0", []
         names = _copy(source, copy)
         sha256 = {name: sha256_of(source / name) for name in names}
         findings = check_folder(copy)
         while (what := _stage(findings)) is not None:
-            copy, findings, change, cause = _undo(source, copy, findings, what, cause)
+            copy, findings, change, cause = _reverse(source, copy, findings, what, cause)
             changes.append(change)
         if not changes:
             raise DataError(f"{source}: {_why_not(findings)}")
@@ -142,10 +144,10 @@ def _why_not(findings: Sequence[Finding]) -> str:
     return f"no cause is determined: {errors[0].line}" if errors else "nothing to repair: check finds no error"
 
 
-def _undo(
+def _reverse(
     source: Path, copy: Path, findings: list[Finding], what: str, cause: int | None
 ) -> tuple[Path, list[Finding], Change, int | None]:
-    """Undo the cause of one finding in a further copy; returns it, its findings, what was changed, and ``cause`` unless it was used."""
+    """Reverse the cause of one finding in a further copy; returns it, its findings, what was changed, and ``cause`` unless it was used."""
     mine = _explained(findings, what)
     tried = []
     for number, each in enumerate(mine[0].corrections):
@@ -165,7 +167,7 @@ def _undo(
         return *best[0], cause
     if cause is None:
         listed = "; ".join(f"{number}: {change.cause.says}" for number, (_, _, change) in enumerate(best, start=1))
-        raise DataError(f"{source}: {len(best)} causes explain {what} alike: {listed}; say which it was (--cause 1 …)")
+        raise DataError(f"{source}: {len(best)} causes explain {what} alike: {listed}; choose one (--cause 1, 2)")
     if not 1 <= cause <= len(best):
         raise DataError(f"{source}: --cause is {cause}, expected 1 to {len(best)}")
     return *best[cause - 1], None
@@ -210,11 +212,11 @@ def _set(document: Any, cause: Correction, times: dict[str, float]) -> None:
 def _note(folder: Path, done: Repaired) -> None:
     """The provenance: a file of its own, and a note in session.toml, which the report shows; a note that is there stays."""
     write_whole(folder / NAME, done.to_json())
-    says = f"{'; '.join(change.cause.says for change in done.changes)} ({NAME})"
+    text = f"{'; '.join(change.cause.says for change in done.changes)} ({NAME})"
 
     def add(document: Any) -> None:
         notes = document.setdefault("notes", {})
-        notes[next(name for number in count(1) if (name := f"repaired{number if number > 1 else ''}") not in notes)] = says
+        notes[next(name for number in count(1) if (name := f"repaired{number if number > 1 else ''}") not in notes)] = text
 
     _edit(folder / "session.toml", add)
 
@@ -238,8 +240,8 @@ def _rewrite(source: Path, path: Path, cause: Correction, columns: bool) -> None
         while some := lines.take():
             for text in some:
                 if text.lstrip().startswith("#"):
-                    for pattern, said in stated:
-                        text = pattern.sub(said, text)
+                    for pattern, value in stated:
+                        text = pattern.sub(value, text)
                 elif text.strip() and columns:
                     cells = text.split(",")
                     if write is None:

@@ -92,7 +92,7 @@ def _follows(share: Share, words: str) -> str:
 
 
 def rest_spectrum(samples: Samples, stills: Sequence[Still], accelerometer: bool) -> RestSpectrum | None:
-    """Return the noise of the gyro, or of the accelerometer, in stills; None where they are too short to tell."""
+    """Return the noise of the gyro, or of the accelerometer, in stills; None where they are too short."""
     rows = sections(samples, stills)
     if rows is None:
         return None

@@ -47,7 +47,7 @@ def rounding_of_mean(values: np.ndarray, lsb: float) -> np.ndarray:
 
 
 def lsb_of(gyro: np.ndarray) -> float:
-    """The least step between readings (N, 3) rad/s: what they are rounded to; 0 where too few of them differ to tell."""
+    """The least step between readings (N, 3) rad/s: what they are rounded to; 0 where too few of them differ."""
     values = np.unique(np.asarray(gyro))
     if len(values) < FEWEST_VALUES:
         return 0.0

@@ -39,8 +39,8 @@ Ends = tuple[Still, Still]
 class Segment:
     """Samples ``start <= i < stop`` of one log between two stills (numbers into the log's list of stills).
 
-    number counts from 0 over all logs; turn_start, turn_stop bound the movement; note says what is unusual; problem says why it is
-    not used, or is None; breaks_yaw: integrating it tells nothing of the attitude after it.  first and last are None between moments of
+    number counts from 0 over all logs; turn_start, turn_stop bound the movement; note states what is unusual; problem states why it is
+    not used, or is None; breaks_yaw: integrating it shows nothing of the attitude after it.  first and last are None between moments of
     a further reference (``Session.reference``).
     """
 
@@ -115,7 +115,7 @@ def cut_segments(
     return without_leaps(segments, samples)
 
 
-# A turn whose movement is missing: gravity lies elsewhere after it, and no rate says how it came there.
+# A turn whose movement is missing: gravity lies elsewhere after it, and no rate states how it came there.
 #
 # Gravity moves in the sensor by no more than the sensor turns: its angle from still to still is at most the way of the rate between them.
 # In the 56 recordings of xsens, mikov and mimu (also wild/mimu) it exceeds that by 0.2 degrees at most.
@@ -133,12 +133,12 @@ def without_leaps(segments: list[Segment], samples: Samples) -> list[Segment]:
     if not 0 < np.count_nonzero(missing) <= MOST_LEAPS * len(segments):
         return segments
     return [
-        replace(segment, problem=_says_leap(segment, samples, angle), breaks_yaw=True) if gone and segment.accepted else segment
+        replace(segment, problem=_leap_text(segment, samples, angle), breaks_yaw=True) if gone and segment.accepted else segment
         for segment, gone, angle in zip(segments, missing, tilt, strict=True)
     ]
 
 
-def _says_leap(segment: Segment, samples: Samples, tilt: float) -> str:
+def _leap_text(segment: Segment, samples: Samples, tilt: float) -> str:
     first, last = segment.stills
     force = samples.accel[first.stop - 1 : last.start + 1]
     step = np.linalg.norm(np.diff(force, axis=0), axis=1)
@@ -190,7 +190,7 @@ def why_broken(samples: Samples, turn: slice, sensor: Sensor, put_in: np.ndarray
     return None
 
 
-# The two ends of a closure run: a still, a long turn, a still in the same attitude.  Judged here while it is recorded, and by ``fit``.
+# The two ends of a closure run: a still, a long turn, a still in the same attitude.  Evaluated here while it is recorded, and by ``fit``.
 
 #: a table is set back by hand to a dial: closer than this is "the same attitude"
 RETURN_RAD = 0.5 * DEG
@@ -290,7 +290,7 @@ def session_segments(session: Session, found: SessionStills, moving: Collection[
 
 
 def why_too_few(stills: Sequence[Still], segments: Sequence[Segment], turns: Sequence[FoundTurn], still_s: float) -> str | None:
-    """Say why a session's segments fix no calibration, or None; turns: of known angle, which may need fewer."""
+    """State why a session's segments fix no calibration, or None; turns: of known angle, which may need fewer."""
     if not stills:
         return f"no still phase of {still_s:g} s found; was the table ever left alone? See `{command_line('check')}`"
     if not segments:

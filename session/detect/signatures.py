@@ -1,6 +1,6 @@
 """Faults of hardware and firmware, each known by its signature: what a bus, a register, a gate or a filter leaves in the readings.
 
-Where one explains what other checks would say of a log, it is said alone.
+Where one explains what other checks would state of a log, it is stated alone.
 """
 
 from __future__ import annotations
@@ -75,9 +75,9 @@ def _check_values(log: Log, sensor: Sensor) -> list[Finding]:
         read = ", ".join(f"{value / unit + 0.0:.4g}" for value in values)
         first = f", the first at {log.samples.at_s(int(np.argmax(few)) * LEAST_READINGS):.0f} s"
         part = "" if few.all() else f" in {few.mean():.0%} of the log{first}"
-        says = f"the {SENSORS[which]} reads {len(values)} values only{part}, {read} {word}, while the body moves"
+        text = f"the {SENSORS[which]} reads {len(values)} values only{part}, {read} {word}, while the body moves"
         do = "the bus answers, and the sensor does not: look at the wiring, the address, the register map and the supply"
-        findings.append(Finding("error", log.path.name, FEW, says, do))
+        findings.append(Finding("error", log.path.name, FEW, text, do))
     return findings
 
 
@@ -107,9 +107,9 @@ def _check_bytes(log: Log, sensor: Sensor) -> list[Finding]:
             most = max(most, float(smoother.max()))
     if not texts:
         return []
-    says = f"{' and '.join(texts)}: with the two bytes of each register exchanged, neighbours differ up to {most:.0f} times less"
+    text = f"{' and '.join(texts)}: with the two bytes of each register exchanged, neighbours differ up to {most:.0f} times less"
     do = "read high and low byte the other way round (big or little endian) where the log is written"
-    return [Finding("error", log.path.name, EXCHANGED, says, do)]
+    return [Finding("error", log.path.name, EXCHANGED, text, do)]
 
 
 def _smoother_exchanged(registers: np.ndarray) -> float:
@@ -134,7 +134,7 @@ ENDS = sorted({REGISTER_MAX * mdps * MDPS for profile in PROFILES if profile.gyr
 def _check_wraps(log: Log, sensor: Sensor) -> list[Finding]:
     samples = log.samples
     peak = max(float(np.abs(samples.gyro[:, axis]).max()) for axis in range(3))
-    # Of a sensor that is not known, or is another than is said, the log's greatest reading is just below an end; it comes round and back.
+    # Of a sensor that is not known, or is another than is stated, the log's greatest reading is just below an end; it comes round and back.
     others = [(end, 2) for end in ENDS if (1 - GOES_ON) * end < peak < (1 + FULL_SCALE_ROUNDING) * end]
     for end, least in ((gyro_reach_dps(sensor) * DEG, 1), *others):
         places = [_comes_round(samples.gyro[:, axis], end) for axis in range(3)] if np.isfinite(end) else []
@@ -146,8 +146,8 @@ def _check_wraps(log: Log, sensor: Sensor) -> list[Finding]:
                 jump = " to ".join(f"{samples.gyro[row, axis] / DEG:.4g}" for row in (rows[0], rows[0] + 1))
                 first = f"{len(rows)} places, first at {samples.at_s(int(rows[0])):.1f} s"
                 texts.append(f"{'xyz'[axis]} jumps from {jump} dps between two readings in {first}")
-        says = f"{'; '.join(texts)}: the register comes round at ±{end / DEG:.4g} dps"
-        return [Finding("error", log.path.name, WRAPS, says, "choose a larger full scale, or turn slower")]
+        text = f"{'; '.join(texts)}: the register comes round at ±{end / DEG:.4g} dps"
+        return [Finding("error", log.path.name, WRAPS, text, "choose a larger full scale, or turn slower")]
     return []
 
 
@@ -191,16 +191,16 @@ def _check_dead_band(log: Log, sensor: Sensor) -> list[Finding]:
     if found.any():
         here = [band for band in bands if band is not None]
         edges = ", ".join(f"{band.beyond / DEG:.2g}" for band in here)
-        says = f"{_stands(found, centres, max(band.share for band in here))}, and no reading lies between that and ±{edges} dps: a gate"
+        text = f"{_stands(found, centres, max(band.share for band in here))}, and no reading lies between that and ±{edges} dps: a gate"
     elif (norm := _gap(np.linalg.norm(gyro - centres, axis=1), sided=False)) is not None and norm.within == 0:
-        says = f"{_stands(np.ones(3, dtype=bool), centres, norm.share)}, and all others beyond {norm.beyond / DEG:.2g} dps together: a gate"
+        text = f"{_stands(np.ones(3, dtype=bool), centres, norm.share)}, and all others beyond {norm.beyond / DEG:.2g} dps together: a gate"
     elif (found := np.array([_repeats_finely(each, at, sensor, log) for each, at in zip(gyro.T, centres, strict=True)])).any():
         share = float((gyro == centres).mean(axis=0)[found].max())
-        says = f"{_stands(found, centres, share)}, in steps that are finer than any noise"
+        text = f"{_stands(found, centres, share)}, in steps that are finer than any noise"
     else:
         return []
     do = "switch off what does that where the log is written: with it the zero at rest is lost, and the slow part of every turn"
-    return [Finding("error", log.path.name, DEAD_BAND, says, do)]
+    return [Finding("error", log.path.name, DEAD_BAND, text, do)]
 
 
 def _stands(axes: np.ndarray, centres: np.ndarray, share: float) -> str:
@@ -342,17 +342,17 @@ def _check_change(where: str, rests: _Rests) -> list[Finding]:
         row, change = _row_of_change(rests, at, axes), _change(level[:, axes], at)
         place, noise = f"from row {row} ({rests.samples.at_s(row):.1f} s) on", float(np.exp(change.mean() / 2))
         if len(axes) == 3 and (factor := _factor(rests, at)) is not None:
-            says = f"{place} the rates are {factor:.3g} times what they were by gravity, and their noise {noise:.2g} times"
+            text = f"{place} the rates are {factor:.3g} times what they were by gravity, and their noise {noise:.2g} times"
             do = "the full scale changes there: record with one, or cut the log there and give each piece its own"
-            return [Finding("error", where, RANGE, says, do)]
+            return [Finding("error", where, RANGE, text, do)]
         # A filter makes the quieter side the smoother one; a vibration is in the louder one, and has its own frequency.
         own, louder = follows[:, axes], slice(at, None) if change.mean() > 0 else slice(0, at)
         smoother = -np.sign(change.mean()) * _change(own, at)
         alternates = np.median(own[louder], axis=0).min() < ALTERNATES
         if _sigmas(own.mean(axis=1), at) > SURELY and smoother.min() > LEAST_CORRELATION[len(axes) < 3] and not alternates:
-            says = f"{place} neighbouring readings of {', '.join('xyz'[axis] for axis in axes)} at rest differ by {noise:.2g} times as much"
+            text = f"{place} neighbouring readings of {', '.join('xyz'[axis] for axis in axes)} at rest differ by {noise:.2g} times as much"
             do = "a filter or a mean changes there, and with it the delay: record with one setting, or cut the log there"
-            return [Finding("warning", where, FILTER, f"{says}, and follow each other otherwise", do)]
+            return [Finding("warning", where, FILTER, f"{text}, and follow each other otherwise", do)]
     return []
 
 
@@ -365,7 +365,7 @@ def _changes(level: np.ndarray) -> int | None:
 
 
 def _factor(rests: _Rests, at: int) -> float | None:
-    """How many times as large gravity says that rates are from a rest on; None where it is not much, or it does not say."""
+    """How many times as large gravity states that rates are from a rest on; None where it is not much, or it does not state."""
     stills = [measure(rests.samples, [run], rests.blocks.size) for run in rests.runs]
     before, behind = (agreement(rests.samples, part) for part in (stills[:at], stills[at:]))
     if before is None or behind is None or not np.array_equal(before.axes, behind.axes):
@@ -435,10 +435,10 @@ def _check_high_pass(where: str, rests: _Rests) -> list[Finding]:
         return []
     corners = ", ".join(f"{1 / (2 * np.pi * tau):.2g}" for tau in tau_s[found])
     over = ", ".join(f"{tau:.3g}" for tau in tau_s[found])
-    says = f"behind each turn the rate of {axes_text(found)} is less by the angle turned over {over} s, and comes back: a high-pass of "
-    says += f"{corners} Hz"
+    text = f"behind each turn the rate of {axes_text(found)} is less by the angle turned over {over} s, and comes back: a high-pass of "
+    text += f"{corners} Hz"
     do = "switch the sensor's or the firmware's high-pass off, and record again: it takes away the zero, and a share of every turn"
-    return [Finding("error", where, HIGH_PASS, says, do)]
+    return [Finding("error", where, HIGH_PASS, text, do)]
 
 
 # A zero that is tracked: at rest the rates are drawn to 0, exponentially, whatever they began with.
@@ -466,27 +466,27 @@ def _check_tracked(where: str, rests: _Rests) -> list[Finding]:
     shown, sigma = _share_turned(rests, runs, found)
     if shown - SURELY * sigma > 0.5:
         return []
-    says = f"at rest {axes_text(found)} are drawn to 0 with {DRAWN_S[best[found]].min():.2g} s: the sensor or its firmware tracks its zero"
-    do = "switch that off, and record again: each turn begins with a zero that nothing tells"
+    text = f"at rest {axes_text(found)} are drawn to 0 with {DRAWN_S[best[found]].min():.2g} s: the sensor or its firmware tracks its zero"
+    do = "switch that off, and record again: each turn begins with an unknown zero"
     if shown + SURELY * sigma > 0.5:
-        says, do = f"{says}, or the mount creeps", f"hold the sensor firmly, or {do}"
-    return [Finding("warning", where, TRACKED, says, do)]
+        text, do = f"{text}, or the mount creeps", f"hold the sensor firmly, or {do}"
+    return [Finding("warning", where, TRACKED, text, do)]
 
 
 def _share_turned(rests: _Rests, runs: list[np.ndarray], axes: np.ndarray) -> tuple[float, float]:
-    """The share of the angle that rates (B, 3) of rests say that gravity shows, 1 where the body creeps, and its sigma; only angles about
+    """The share of the angle that rates (B, 3) of rests state that gravity shows, 1 where the body creeps, and its sigma; only angles about
     horizontal axes show."""
     product, square, steps = 0.0, float(np.finfo(float).tiny), []
     for (start, _), run in zip(rests.runs, runs, strict=True):
         force = rests.blocks.accel_mean[start : start + len(run)]
-        says = np.cross(force.mean(axis=0), (np.cumsum(run, axis=0) - run / 2) * axes * rests.blocks.duration_s)
-        says -= says.mean(axis=0)
-        product, square = product + float((says * force).sum()), square + float((says**2).sum())
+        text = np.cross(force.mean(axis=0), (np.cumsum(run, axis=0) - run / 2) * axes * rests.blocks.duration_s)
+        text -= text.mean(axis=0)
+        product, square = product + float((text * force).sum()), square + float((text**2).sum())
         steps.append(np.diff(force, axis=0))
     return product / square, float(sigma_of(np.concatenate(steps), axis=None)) / np.sqrt(2 * square)
 
 
-# A zero that is taken anew within a log, or steps.
+# A zero that is taken again within a log, or steps.
 
 #: scatters from rest to rest: of a step to 0 on all axes, which firmware makes, and of any other; rests that show that it stays
 TO_ZERO, STEP, STAYS = 8.0, 20.0, 4
@@ -506,6 +506,6 @@ def _check_new_zero(where: str, rests: _Rests) -> list[Finding]:
     if not found:
         return []
     _, at, step, to_zero = max(found, key=lambda each: each[0])
-    says = f"the zero steps by {xyz_text(step / DEG)} dps{' to 0' if to_zero else ''} {rests.between(at)}"
-    do = "does the board take its zero anew there? switch that off" if to_zero else "a knock, a restart, a new zero?"
-    return [Finding("warning", where, _NEW_ZERO, says, f"{do}, or cut the log there; the effect gyro.bias_step fits it")]
+    text = f"the zero steps by {xyz_text(step / DEG)} dps{' to 0' if to_zero else ''} {rests.between(at)}"
+    do = "does the board reset its zero there? switch that off" if to_zero else "a knock, a restart, a new zero?"
+    return [Finding("warning", where, _NEW_ZERO, text, f"{do}, or cut the log there; the effect gyro.bias_step fits it")]

@@ -20,7 +20,7 @@ from session.detect.bridging import short_gaps
 from session.log.samples import Samples, once, pieces
 from session.log.stamps import GAP_PERIODS, LOST, lasting_gaps
 
-#: findings on stamps that err: a likelier cause of whatever is left than any effect
+#: findings on stamps that are wrong: a likelier cause of whatever is left than any effect
 JITTER, RATE_CHANGES = STAMPS = "jitter", "rate changes"
 #: rows that are looked at together
 TOGETHER = 1 << 18
@@ -34,15 +34,15 @@ SLOPE = 4
 BEND = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / 6
 #: rows whose sums are taken for independent
 BLOCK = 16
-#: sigma of the share up to which it is told: one more uncertain is of stamps that move the rate by less than a third of its noise
-TOLD = 1 / 3
+#: sigma of the share up to which it is known: one more uncertain is of stamps that move the rate by less than a third of its noise
+RESOLVED = 1 / 3
 
 
 @dataclass(frozen=True, eq=False)
 class StampErrors:
     """Of one log: period_s; grid_s, the step of its stamps; covariance (L,) s^2 of their scatter about a line through some seconds, at a
     lag of so many samples; followed, sigma: share of that scatter that the readings went along with, 1 where samples were taken when their
-    stamps say, 0 where they were taken evenly."""
+    stamps state, 0 where they were taken evenly."""
 
     period_s: float
     grid_s: float
@@ -56,15 +56,15 @@ class StampErrors:
         return float(np.sqrt(self.covariance[0]))
 
     @property
-    def told(self) -> bool:
-        """Whether the readings tell if the stamps err."""
-        return self.sigma < TOLD
+    def resolved(self) -> bool:
+        """Whether the readings show if the stamps are wrong."""
+        return self.sigma < RESOLVED
 
     @cached_property
     def share(self) -> float:
         """Share of the scatter's variance that is in error: what the readings did not follow, and never less than what the grid makes."""
         rounded = min(1.0, self.grid_s**2 / 12 / max(self.covariance[0], np.finfo(float).tiny))
-        return max(rounded, min(max(1 - self.followed, 0.0), 1.0)) if self.told else rounded
+        return max(rounded, min(max(1 - self.followed, 0.0), 1.0)) if self.resolved else rounded
 
     def density(self, count: int) -> np.ndarray:
         """(F,) by which squares at the frequencies of ``count`` numbers, and as many zeros or more, are summed as over lags."""
@@ -181,8 +181,8 @@ def angle_rms(log: Samples, errors: StampErrors, segment_s: float) -> float:
 
 # A rate that changes within a log: a clock that was set or slewed, or a sensor that really changed its pace.
 #
-# Each sample's stamp against that a second later says the rate there; medians of some seconds of them pass over gaps, late stamps and jumps
-# of a coarse clock.  A rate that wanders changes little from one stretch to the next, one that was changed does so at once.
+# Each sample's stamp against that a second later implies the rate there; medians of some seconds of them pass over gaps, late stamps and
+# jumps of a coarse clock.  A rate that wanders changes little from one stretch to the next, one that was changed does so at once.
 
 #: s between the two stamps of a rate; between the moments that are looked at; of a stretch before and behind a change, and at least
 LAG_S, MOMENT_S, STRETCH_S, SHORTEST_S = 1.0, 0.5, 10.0, 3.0

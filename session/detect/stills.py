@@ -21,7 +21,7 @@ from session.log.samples import Samples, once
 # Short blocks of samples and their moments: the data for stillness and noise.
 
 BLOCK_S = 0.1  #: long against a gyro's filter, short against a hand's pause
-MIN_BLOCK_SAMPLES = 8  #: below this a variance says little
+MIN_BLOCK_SAMPLES = 8  #: below this a variance shows little
 _CHUNK_BLOCKS = 2_000  #: as many as a processor's cache holds, of logs of any length
 
 
@@ -122,7 +122,7 @@ def _parts(spans: Spans) -> Iterator[slice]:
     return (slice(at, min(at + AT_ONCE, stop)) for start, stop in spans for at in range(start, stop, AT_ONCE))
 
 
-# Find the still phases of a log, and say how good each is.
+# Find the still phases of a log, and rate each.
 #
 # No setting: the sensor's own noise, measured on the quietest blocks of the log itself, is the yardstick.  A block of 0.1 s is
 # quiet when neither the scatter nor the mean of its rate, nor the scatter of its specific force, leaves what that noise allows.
@@ -265,7 +265,7 @@ def _quiet_blocks(blocks: Blocks, by_force: bool) -> np.ndarray:
 def noise_variance(variance: np.ndarray) -> np.ndarray:
     """(3,) variance of the sensor's noise from that of blocks (B, 3): the median of the quiet ones, found from the quietest twentieth."""
     total = variance.sum(axis=1)
-    alive = total > 0  # a register that stands still has no scatter at all, and says nothing of the noise
+    alive = total > 0  # a register that stands still has no scatter at all, and shows nothing of the noise
     if not alive.any():
         return np.full(3, np.finfo(float).tiny)
     bar = 4 * np.quantile(total[alive], 0.05)

@@ -178,7 +178,7 @@ def prepare(
         raise CalibrationError(
             f"{session.folder}: session.toml gives no [accelerometer] to take as {accelerometer}; leave --accelerometer out"
         )
-    session, own = with_own_accelerometer(session, again=accelerometer == "fit", looked_at=known)
+    session, own = with_own_accelerometer(session, refit=accelerometer == "fit", looked_at=known)
     session, aligned = session.examined()
     progress("first look")
     found = looked_at = SessionStills(session) if known is None else known.under(session)

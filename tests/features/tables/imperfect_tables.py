@@ -36,15 +36,15 @@ class AxisErrors(description.AxisErrors):
     ripple_phase: float = 0.0
     backlash: float = 0.0
 
-    def true_angle(self, said: np.ndarray, sense: np.ndarray) -> np.ndarray:
-        """(N,) rad, of what the machine says (N,) rad and the sense (N,) of its last motion."""
-        return said + self.beside(said, sense)
+    def true_angle(self, reported: np.ndarray, sense: np.ndarray) -> np.ndarray:
+        """(N,) rad, of what the machine reports (N,) rad and the sense (N,) of its last motion."""
+        return reported + self.periodic(reported, sense)
 
-    def beside(self, said: np.ndarray, sense: np.ndarray) -> np.ndarray:
-        """(N,) rad by which it lies beside what the machine says."""
+    def periodic(self, reported: np.ndarray, sense: np.ndarray) -> np.ndarray:
+        """(N,) rad by which it lies beside what the machine reports."""
         i1, i2, i3, i4 = self.index
-        index = i1 * np.sin(said) + i2 * np.cos(said) + i3 * np.sin(2 * said) + i4 * np.cos(2 * said)
-        return index + self.ripple * np.sin(self.ripple_cycles * said + self.ripple_phase) - sense * self.backlash / 2 + self.lost
+        index = i1 * np.sin(reported) + i2 * np.cos(reported) + i3 * np.sin(2 * reported) + i4 * np.cos(2 * reported)
+        return index + self.ripple * np.sin(self.ripple_cycles * reported + self.ripple_phase) - sense * self.backlash / 2 + self.lost
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,10 +60,10 @@ class TableErrors(description.TableErrors):
         return cls(tuple(AxisErrors() for _ in table.axes))
 
 
-def true_attitudes(table: Description, errors: TableErrors, said: np.ndarray, sense: np.ndarray) -> np.ndarray:
+def true_attitudes(table: Description, errors: TableErrors, reported: np.ndarray, sense: np.ndarray) -> np.ndarray:
     """``R_tb`` (N, 3, 3) with all errors, of angles said (N, K) rad and the senses (N, K) of the axes' last motions."""
-    axes = tuple(description.AxisErrors(of.beside(said[:, k], sense[:, k]), of.skew, of.wobble) for k, of in enumerate(errors.axes))
-    return description.true_attitudes(table, description.TableErrors(axes, errors.tilt), said)
+    axes = tuple(description.AxisErrors(of.periodic(reported[:, k], sense[:, k]), of.skew, of.wobble) for k, of in enumerate(errors.axes))
+    return description.true_attitudes(table, description.TableErrors(axes, errors.tilt), reported)
 
 
 class AxisTrack(virtual_motion.AxisTrack):
@@ -76,13 +76,13 @@ class AxisTrack(virtual_motion.AxisTrack):
     def said_and_sense(self, t_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Angle said (N,) rad and sense (N,) at times (N,) s: the sense is where in its play the stage hangs, -1 to 1."""
         begins = [begin_s for begin_s, *_ in self._pieces]
-        ways = [0.0, *np.diff([self._pieces[0][1], *self.said(np.array(begins[1:]))])]
+        ways = [0.0, *np.diff([self._pieces[0][1], *self.reported(np.array(begins[1:]))])]
         senses = [0.0]
         for way in ways[1:]:
             senses.append(self._hangs(senses[-1], way))
         at = np.searchsorted(begins, t_s, side="right") - 1
-        said, begun = self.said(t_s), np.array([self._pieces[0][1], *self.said(np.array(begins[1:]))])
-        return said, self._hangs(np.array(senses)[at], said - begun[at])
+        reported, begun = self.reported(t_s), np.array([self._pieces[0][1], *self.reported(np.array(begins[1:]))])
+        return reported, self._hangs(np.array(senses)[at], reported - begun[at])
 
     def _hangs(self, sense, way):
         return np.clip(sense + 2 * way / max(self._backlash, NO_PLAY_RAD), -1.0, 1.0)
@@ -94,7 +94,7 @@ def motion_on(
     """Motion of a sensor on a table with errors; of a track without play no sense is known, and none matters."""
 
     def body(t_s: np.ndarray) -> np.ndarray:
-        said = np.stack([track.said(t_s) for track in tracks], axis=-1)
-        return true_attitudes(table, errors, said, np.zeros_like(said))
+        reported = np.stack([track.reported(t_s) for track in tracks], axis=-1)
+        return true_attitudes(table, errors, reported, np.zeros_like(reported))
 
     return board.motion_on(body, options, unit)

@@ -118,10 +118,10 @@ def draw(summary: Summary, seed: int) -> Observed:
     scatter = summary.repeatability * rng.normal(size=(len(rest_s), axes)) * [axis.sigma_rad for axis in table.axes]
 
     def truth(at_s: np.ndarray, more: np.ndarray) -> np.ndarray:
-        said, sense = np.stack([track.said_and_sense(at_s) for track in tracks], axis=-1)
+        reported, sense = np.stack([track.said_and_sense(at_s) for track in tracks], axis=-1)
         for axis, middle, span, rad in slips:
-            said[:, axis] -= rad * np.clip((at_s - middle) / span + 0.5, 0, 1)
-        return true_attitudes(table, errors, said + more, sense) @ mounting
+            reported[:, axis] -= rad * np.clip((at_s - middle) / span + 0.5, 0, 1)
+        return true_attitudes(table, errors, reported + more, sense) @ mounting
 
     mounting = Rotation.from_rotvec(summary.mounting_rad * rng.normal(size=3)).as_matrix()
     heading = rng.uniform(-np.pi, np.pi)
@@ -176,11 +176,11 @@ def draw(summary: Summary, seed: int) -> Observed:
     ends = (share[..., 0] == 0) | (share[..., 0] == 1)  # at rest, before the next move, a late word is the same
     asked = np.clip(asked, np.array([start for start, _ in spans])[:, None] - 0.5, np.array([stop for _, stop in spans])[:, None] + 0.5)
     asked = np.where(ends & (share[..., 0] == 1), edges + 0.5 * summary.still_s, asked)
-    said_edges = np.stack([track.said(asked.ravel()) for track in tracks], axis=-1).reshape(*edges.shape, axes)
-    said = np.stack([track.said(rest_s_) for track in tracks], axis=-1)
+    reported_edges = np.stack([track.reported(asked.ravel()) for track in tracks], axis=-1).reshape(*edges.shape, axes)
+    reported = np.stack([track.reported(rest_s_) for track in tracks], axis=-1)
     answer_at = np.minimum(np.arange(most + 1.0), blocks[:, None])
     if summary.word is not None:
-        said_edges, answer_at = summary.word(summary, tracks, spans, edges, said, rng)
+        reported_edges, answer_at = summary.word(summary, tracks, spans, edges, reported, rng)
     order = np.arange(len(blocks))
     inside = (np.arange(most) < blocks[:, None])[..., None]
     return Observed(
@@ -190,14 +190,14 @@ def draw(summary: Summary, seed: int) -> Observed:
         force,
         still,
         temp_c,
-        said,
+        reported,
         order,
         order + 1,
         turn_s,
         block_s,
         blocks,
         np.where(inside, rates, 0.0),
-        said_edges,
+        reported_edges,
         np.full(3, summary.gyro_walk),
         np.full(3, summary.accel_walk_g),
         summary.instability_rps,
@@ -259,7 +259,7 @@ class Swings:
         self.seconds, self.amplitude = seconds, amplitude_dps * DEG
         self.ends_s = self.plan[-1][0] + seconds + 1.0
 
-    def said(self, t_s):
+    def reported(self, t_s):
         found = np.zeros(len(t_s))
         for begin, f in self.plan:
             whole_s = np.floor(self.seconds * f) / f  # whole cycles, so that it ends where it began
@@ -301,7 +301,7 @@ def record(
     (folder / "table.toml").write_text(TOML + limits)
     rng = np.random.default_rng(1)
     t_s = np.arange(0.0, ends_s - 0.1, 1 / ANSWERS_HZ)
-    said = track.said(t_s - latency_s) + 0.002 * DEG * rng.normal(size=len(t_s))
-    rows = [row("rates0001.csv", round(s * 1e6), None, True, [angle]) for s, angle in zip(t_s.tolist(), said, strict=True)]
+    reported = track.reported(t_s - latency_s) + 0.002 * DEG * rng.normal(size=len(t_s))
+    rows = [row("rates0001.csv", round(s * 1e6), None, True, [angle]) for s, angle in zip(t_s.tolist(), reported, strict=True)]
     (folder / "table.csv").write_text("\n".join([header(TABLE), *rows, ""]))
     return folder

@@ -220,7 +220,7 @@ class Bench:
 
         each: called in every round with guide and mover; interrupted(guide): Ctrl-C; rates: dps, of rate steps instead of turns.
         """
-        bench, said = self.bench, Said()
+        bench, reported = self.bench, Said()
         session_file = SessionFile(self.folder, None, None, None, None)
         machine = TurnedRecording(self.file, opened=bench.opened, now_s=bench.clock.now_s)
         if rates is None:
@@ -242,7 +242,7 @@ class Bench:
         try:
             mover = machine.mover(self.folder, guide)
             coach = Coach(machine=machine.moves) if rates is None else None
-            guided = GuidedRecording(guide, recorder, configure, coach, said, session_file, lambda: "", mover=mover)
+            guided = GuidedRecording(guide, recorder, configure, coach, reported, session_file, lambda: "", mover=mover)
             bench.holds = lambda: guided.coaching
             guided.lead(stopped)
         except KeyboardInterrupt:
@@ -253,4 +253,4 @@ class Bench:
             machine.finish(self.folder, recorder.logs.renamed)
             with contextlib.suppress(TableFault):
                 machine.close()
-        return guide, said
+        return guide, reported

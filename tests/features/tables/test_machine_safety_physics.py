@@ -60,8 +60,8 @@ def test_grbl_hears_its_documented_grammar_and_nothing_else():
         table.turn_at(0, 7.5 * DEG)
         bench.clock.sleep(1)
         table.stop()
-    said = re.sub(rb"\x85+$", b"\x85", bench.link.sent.replace(b"?", b""))  # it is written again until it is heard
-    assert said == b"$$\n$H\n$J=G53 G90 G21 X-12.346 F600.000\n$J=G53 G90 G21 X-270.000 F450.000\n\x85"
+    reported = re.sub(rb"\x85+$", b"\x85", bench.link.sent.replace(b"?", b""))  # it is written again until it is heard
+    assert reported == b"$$\n$H\n$J=G53 G90 G21 X-12.346 F600.000\n$J=G53 G90 G21 X-270.000 F450.000\n\x85"
 
 
 def test_units_of_the_make_and_its_sense():
@@ -268,17 +268,17 @@ def test_nothing_moves_that_was_not_confirmed():
 
 
 def test_a_plan_is_shown_before_it_is_asked_about():
-    said = []
+    reported = []
 
     def ask(question):
-        said.append(question)
+        reported.append(question)
         return False
 
     moves = [Move.home(), Move.to(0, 30 * DEG, 10 * DEG), Move.anywhere(TABLE, 0, 60 * DEG), Move.at(0, 20 * DEG, 8.0)]
     with pytest.raises(TableLimit, match="not confirmed; nothing was moved"):
-        Guarded(Bench(TABLE).driver).confirm(moves, ask, said.append)
-    assert said == [*plan_lines(TABLE, moves), "Move it?"]
-    assert said[2:5] == [
+        Guarded(Bench(TABLE).driver).confirm(moves, ask, reported.append)
+    assert reported == [*plan_lines(TABLE, moves), "Move it?"]
+    assert reported[2:5] == [
         "  2. outer to 30 deg at up to 10 dps (limits -90 to 270 deg)",
         "  3. outer to any angle from -90 to 270 deg at up to 60 dps (limits -90 to 270 deg)",
         "  4. outer turns at 20 dps, in either sense, for at most 8 s, which is 160 deg (limits -90 to 270 deg)",
@@ -316,10 +316,10 @@ def test_no_limit_is_ever_passed(make):
         if rng.random() < 0.7:
             table.settle()
     t_s = np.linspace(begin_s, bench.clock.now_s(), 20_000) - bench.virtual.mechanics.begin_s
-    said = np.sign(bench.table.settings.get("per_deg", 1)) * bench.virtual.tracks[0].said(t_s)
-    assert said.min() >= limits[0] * DEG - 1e-6
-    assert said.max() <= limits[1] * DEG + 1e-6
-    assert np.ptp(said) > 60 * DEG  # it did move
+    reported = np.sign(bench.table.settings.get("per_deg", 1)) * bench.virtual.tracks[0].reported(t_s)
+    assert reported.min() >= limits[0] * DEG - 1e-6
+    assert reported.max() <= limits[1] * DEG + 1e-6
+    assert np.ptp(reported) > 60 * DEG  # it did move
 
 
 def test_a_second_move_waits_for_the_first():
@@ -359,9 +359,9 @@ def test_an_opened_port_switches_nothing_on():
     bench.guarded.where()
     bench.guarded.clear()
     bench.guarded.stop()
-    said = []
-    bench.guarded.confirm([Move.to(0, 30 * DEG, 10 * DEG)], None, said.append)
-    assert said[1] == "  before the first move it is sent: EN"
+    reported = []
+    bench.guarded.confirm([Move.to(0, 30 * DEG, 10 * DEG)], None, reported.append)
+    assert reported[1] == "  before the first move it is sent: EN"
     assert b"EN" not in bench.link.sent
     bench.guarded.turn_to(0, 30 * DEG, 10 * DEG)
     assert bench.link.sent.index(b"EN\r") < bench.link.sent.index(b"SP 1 10.00000\rPA 1 30.00000\r")
@@ -407,7 +407,7 @@ STRANGE = {
         '"$h ", "$J=G53 {word}{angle} F{rate}"': "has the request '$h ', which home has",
         '"$J=G53 {word}{angle}E{axis} F{rate}"': "has the number 7301E83",
         '"$J=G53 {word}{angle} X{angle} F{rate}"': "needs {angle} once",
-        '"$J=G53 {word}{rate} F{angle}"': "wants F{rate} per minute",
+        '"$J=G53 {word}{rate} F{angle}"': "takes F{rate} per minute",
         '"$J=G53 Y{angle} F{rate}"': "names no axis",
         '"$J=G53 {word}{angle} F{rate} {foo}"': "has {foo}",
         '"$J=G53 Y140 F900", "$J=G53 {word}{angle} F{rate}"': "has the number 140",
@@ -460,7 +460,7 @@ def test_a_stranger_s_file_is_confirmed_by_its_hash(run, tmp_path, monkeypatch):
     (tmp_path / "mine.toml").write_text(MAKE)
     (tmp_path / "table.toml").write_text(STRANGERS)
     for words in (["where"], ["stop"], ["clear", "--yes"], ["turn", "outer", "5", "--yes", "--at-zero"]):
-        refused(run("table", *words), "does not come with the tool, and nobody has confirmed it: nothing was sent")
+        refused(run("table", *words), "does not come with the tool, and no one has confirmed it: nothing was sent")
     code, out, _ = run("table", "check")
     assert code == 0
     *sent, line = out.splitlines()
@@ -497,7 +497,7 @@ NAMED = {
     "cable": "line to the table is lost",
     "silence": "does not (answer|say)",
     "garbled": "does not (answer|say)|refuse|reports|turned by|wrong way|beyond|state|rests at",
-    "stall": r"rests at [01]\.\d+ deg, asked for was 90",
+    "stall": r"rests at [01]\.\d+ deg, requested was 90",
     "wrong_angle": "turned by|rests at 120",
     "home_fails": "home|homing",
     "disabled": "amplifier|error:7|motors",
@@ -532,7 +532,7 @@ def led(make, faults):
 def test_each_fault_ends_safe(kind, make):
     bench, fault = led(make, f"{kind}@move{1 if kind == 'home_fails' else 2}")
     said_rest = bench.guarded.is_at_rest
-    assert said_rest <= (bench.motor()[1] == 0)  # what is said to rest does
+    assert said_rest <= (bench.motor()[1] == 0)  # what is reported to rest does
     assert bench.comes_to_rest()  # without anybody: also where nothing could be sent any more
     of = bench.table.axes[0]
     assert of.least_rad - DEG <= bench.motor()[0] <= of.most_rad + DEG
@@ -585,14 +585,14 @@ def test_a_table_that_restarted_on_opening_is_not_turned(make):
 
 @pytest.mark.parametrize("make", ["scpi", "line"])  # the others ask the mechanics otherwise
 def test_a_move_that_begins_late_is_stopped(make):
-    """It says that it rests, and would turn 0.8 s after the request, watched by nobody."""
+    """It reports that it rests, and would turn 0.8 s after the request, watched by nobody."""
     bench = turning(make)
     mechanics = bench.virtual.mechanics
     turn_to = mechanics.tracks[0].turn_to
     mechanics.tracks[0].turn_to = lambda begin_s, *of: turn_to(begin_s + 0.8, *of)
     mechanics.is_moving = lambda axis=None: abs(mechanics.tracks[0].state(mechanics.now_s())[1]) > 1e-9
     bench.guarded.turn_to(0, 100 * DEG, 20 * DEG)
-    with pytest.raises(TableFault, match=r"rests at 0\.00 deg, asked for was 100\.00; it was stopped, and rests"):
+    with pytest.raises(TableFault, match=r"rests at 0\.00 deg, requested was 100\.00; it was stopped, and rests"):
         bench.guarded.settle()
     bench.clock.sleep(5)
     assert abs(bench.motor()[0]) < DEG
@@ -635,7 +635,7 @@ def test_an_axis_that_was_not_asked_to_turn_is_stopped_at_once():
     bench.confirm()
     bench.guarded.turn_to(0, 200 * DEG, 10 * DEG)
     bench.virtual.mechanics.turn_at(1, -20 * DEG)
-    with pytest.raises(TableFault, match=r"inner turns, and was not asked to: it is at -[34]\.\d+ deg; it was stopped, and rests"):
+    with pytest.raises(TableFault, match=r"inner turns without a command: it is at -[34]\.\d+ deg; it was stopped, and rests"):
         followed(bench, 20)
 
 
@@ -653,7 +653,7 @@ def test_a_rate_that_was_not_asked_for_is_stopped(before, factor, expected):
     turn_at = track.turn_at
     track.turn_at = lambda begin_s, rate, *of: turn_at(begin_s, rate * factor, *of)
     bench.guarded.turn_at(0, 5 * DEG)
-    with pytest.raises(TableFault, match=rf"{expected}.*asked for was \+5 dps; it was stopped, and rests"):
+    with pytest.raises(TableFault, match=rf"{expected}.*requested was \+5 dps; it was stopped, and rests"):
         followed(bench, 12)
     assert abs(bench.motor()[0] - begin) < (140 if before else 50) * DEG
 

@@ -47,7 +47,7 @@ def test_the_rate_of_each_axis_is_the_derivative_of_the_attitude():
 
 
 @pytest.mark.parametrize(
-    ("errors", "said", "sense", "expected"),
+    ("errors", "reported", "sense", "expected"),
     [
         (AxisErrors(index=np.array([1e-3, 0, 0, 0])), 0.5, 0, 0.5 + 1e-3 * np.sin(0.5)),
         (AxisErrors(index=np.array([0, 0, 0, 1e-3])), 0.5, 0, 0.5 + 1e-3 * np.cos(1.0)),
@@ -57,8 +57,8 @@ def test_the_rate_of_each_axis_is_the_derivative_of_the_attitude():
         (AxisErrors(ripple=1e-3, ripple_cycles=3, ripple_phase=0.2), 0.5, 0, 0.5 + 1e-3 * np.sin(1.7)),
     ],
 )
-def test_each_error_moves_the_true_angle(errors, said, sense, expected):
-    assert errors.true_angle(np.array([said]), np.array([sense]))[0] == pytest.approx(expected, abs=1e-15)
+def test_each_error_moves_the_true_angle(errors, reported, sense, expected):
+    assert errors.true_angle(np.array([reported]), np.array([sense]))[0] == pytest.approx(expected, abs=1e-15)
 
 
 def test_an_axis_goes_from_rest_to_rest_at_its_rate():
@@ -66,10 +66,10 @@ def test_an_axis_goes_from_rest_to_rest_at_its_rate():
     track.turn_to(1.0, 2.2, 1.0, 4.0)
     assert track.busy_until_s == pytest.approx(1.0 + 2.0 + 0.25)
     t = np.linspace(0, 4, 4001)
-    said, sense = track.said_and_sense(t)
-    rate = np.gradient(said, t)
-    assert said[0] == 0.2
-    assert said[-1] == pytest.approx(2.2, abs=1e-12)
+    reported, sense = track.said_and_sense(t)
+    rate = np.gradient(reported, t)
+    assert reported[0] == 0.2
+    assert reported[-1] == pytest.approx(2.2, abs=1e-12)
     assert rate.max() == pytest.approx(1.0, abs=1e-9)
     assert np.abs(np.diff(rate)).max() <= 4.0 * 1e-3 + 1e-9
     assert sense[0] == 0
@@ -88,9 +88,9 @@ def test_play_is_taken_up_before_the_stage_moves():
     track.turn_to(0.0, 1.0, 1.0, 100.0)
     track.turn_to(10.0, 0.9, 0.1, 100.0)
     track.turn_to(20.0, 0.5, 1.0, 100.0)
-    said, sense = track.said_and_sense(np.array([10.0, 10.5, 15.0, 25.0]))
+    reported, sense = track.said_and_sense(np.array([10.0, 10.5, 15.0, 25.0]))
     assert sense.tolist() == pytest.approx([1.0, 0.0, -1.0, -1.0], abs=0.02)
-    stage = said - sense * 0.05
+    stage = reported - sense * 0.05
     assert stage == pytest.approx([0.95, 0.95, 0.95, 0.55], abs=1e-3)
 
 
@@ -149,7 +149,7 @@ def test_an_answer_has_the_time_between_question_and_answer():
         return Where(np.zeros(2), False)
 
     guarded = SimpleNamespace(where=where, is_at_rest=True)
-    file = SimpleNamespace(add=lambda log, t_us, said: rows.append((log, t_us)))
+    file = SimpleNamespace(add=lambda log, t_us, reported: rows.append((log, t_us)))
     driver = TableDriver(guarded, file, lambda: now[0], in_thread=False)
     driver.heard(Moment("log0001.csv", 7_000_000, 7_000_000_000))
     driver.tick()
@@ -159,17 +159,17 @@ def test_an_answer_has_the_time_between_question_and_answer():
 def test_what_a_table_says_is_read_back_and_a_file_that_a_crash_has_cut_goes_on(tmp_path, table):
     path = tmp_path / "table.csv"
     file = AngleFile(path, table)
-    said = Where(np.array([0.1, -0.2]), True, 0.5)
-    file.add("log0001.csv", 1000, said)
-    file.add("", 1500, said)  # no log is written
-    file.add("log0001.csv", 900, said)  # before the last one
+    reported = Where(np.array([0.1, -0.2]), True, 0.5)
+    file.add("log0001.csv", 1000, reported)
+    file.add("", 1500, reported)  # no log is written
+    file.add("log0001.csv", 900, reported)  # before the last one
     file.close()
     with path.open("a") as cut:
         cut.write("log0001.csv,20")
     file = AngleFile(path, table)
     file.add("unclosed0001.csv", 10, Where(np.array([3.0, 0.2]), False))
     file.rename("unclosed0001.csv", "closure0001.csv")
-    file.add("closure0001.csv", 20, said)
+    file.add("closure0001.csv", 20, reported)
     file.close()
     found = read_angles(path, table)
     assert {log: each.t_ns.tolist() for log, each in found.items()} == {"log0001.csv": [1_000_000], "closure0001.csv": [10_000, 20_000]}
@@ -184,20 +184,20 @@ def test_what_a_table_says_is_read_back_and_a_file_that_a_crash_has_cut_goes_on(
 
 def stills(table, angles_deg, true_deg=None):
     """What the sensor sees of stills at these angles: up, and the turn from the still before about the body's axes."""
-    said, true = np.array(angles_deg, float) * DEG, np.array(angles_deg if true_deg is None else true_deg, float) * DEG
+    reported, true = np.array(angles_deg, float) * DEG, np.array(angles_deg if true_deg is None else true_deg, float) * DEG
     up = -attitudes(table, true)[:, 2] * 9.8
     turned = [None] + [body_axes(table, after[None])[0].T @ (after - before) for before, after in itertools.pairwise(true)]
-    return list(zip(said, up, turned, strict=True))
+    return list(zip(reported, up, turned, strict=True))
 
 
 @pytest.mark.parametrize(
     ("true_deg", "says"),
     [
         ([(0, 0), (90, 0), (90, 90), (0, 90), (0, 0)], []),
-        ([(0, 0), (0, 0)], ["middle: the machine says 90 deg, the gyroscope saw 0.0: it is stalled", "gravity lies 90.0 deg"]),
+        ([(0, 0), (0, 0)], ["middle: the machine reports 90 deg, the gyroscope saw 0.0: it is stalled", "gravity lies 90.0 deg"]),
         ([(0, 0), (-90, 0)], ["middle: the gyroscope turned the other way round", "gravity lies 180.0 deg"]),
         ([(0, 0), (0, 90)], ["middle: the gyroscope turned about another axis", "gravity lies 90.0 deg"]),
-        ([(0, 0), (75, 0)], ["middle: the machine says 90.0 deg, the gyroscope saw 75.0: lost steps?", "gravity lies 15.0 deg"]),
+        ([(0, 0), (75, 0)], ["middle: the machine reports 90.0 deg, the gyroscope saw 75.0: lost steps?", "gravity lies 15.0 deg"]),
         ([(0, 0), (90, 0), (90, 90), (0, 90), (3, 0)], ["gravity lies 3.0 deg from where the machine's angles put it (2.0 at most): lost"]),
     ],
 )
@@ -215,7 +215,7 @@ def test_a_table_that_says_it_rested_while_it_was_turned(table):
     word = WordAgainstSensor(table)
     word.still(np.zeros(2), np.array([0, 0, -9.8]), None)
     (line,) = word.still(np.zeros(2), np.array([0, 0, -9.8]), np.array([0, 0, 1.5]))
-    assert line == "the gyroscope turned by 86 deg, and the machine says that it rested"
+    assert line == "the gyroscope turned by 86 deg, and the machine reports that it rested"
 
 
 def test_a_machines_clock_takes_the_jitter_out_of_its_stamps():
@@ -249,15 +249,15 @@ def test_a_table_that_moves_unseen_is_stopped(table, silent_s, told):
 def test_three_stills_in_a_row_that_contradict_the_machine_pause_the_recording(table, lies, paused):
     driver = Mock(trouble=None, fault="", busy=False, where=Where(np.zeros(2), False), table=SimpleNamespace(description=table))
     driver.now_s = lambda: 0.0
-    mover, stills, said = TableMover(driver, Mock()), [], []
+    mover, stills, reported = TableMover(driver, Mock()), [], []
     guide = MagicMock(stage=Stage.TURN, turning=True, taken=MagicMock(stills=stills, turns=[], own=None))
     guide.taken.corrected = lambda force: force
     for lie in lies:  # of gravity, by a right angle
-        said += mover.step(guide, Moment("log0001.csv", 0, 0), False)
+        reported += mover.step(guide, Moment("log0001.csv", 0, 0), False)
         stills.append(SimpleNamespace(accel_mean=np.array([9.8 * lie, 0, -9.8 * (1 - lie)]), duration_s=1.0))
-    said += mover.step(guide, Moment("log0001.csv", 0, 0), False)
+    reported += mover.step(guide, Moment("log0001.csv", 0, 0), False)
     assert (mover.wants is PAUSE, driver.stop.called) == (paused, paused)
-    assert any(each.text.startswith("3 stills in a row contradict the machine") for each in said) == paused
+    assert any(each.text.startswith("3 stills in a row contradict the machine") for each in reported) == paused
 
 
 def test_a_rate_that_an_axis_cannot_hold_for_so_long_is_refused(tmp_path):

@@ -68,7 +68,7 @@ def test_options_name_columns_unit_and_readings(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "reported"),
     [
         ("", "empty; expected a header"),
         ("rate_dps,mean_v\n", "empty; expected a header"),
@@ -85,10 +85,10 @@ def test_options_name_columns_unit_and_readings(tmp_path):
         ("rate_dps,mean_v,std_v,n\n1,2,0.1,0\n", "line 2: .*less than one reading"),
     ],
 )
-def test_what_is_refused(tmp_path, text, said):
+def test_what_is_refused(tmp_path, text, reported):
     path = tmp_path / "t.csv"
     path.write_text(text)
-    with pytest.raises(FormatError, match=said):
+    with pytest.raises(FormatError, match=reported):
         read_points(path)
 
 
@@ -147,7 +147,7 @@ def test_means_are_over_whole_turns(tmp_path):
     track, ends_s = steps([60.0, 90.0, 120.0, 150.0], 9.5)
 
     def distort(t_s, rate, force, temp_c):
-        return rate + np.deg2rad(2) * np.sin(track.said(t_s))[:, None] * [0, 0, 1]
+        return rate + np.deg2rad(2) * np.sin(track.reported(t_s))[:, None] * [0, 0, 1]
 
     record(tmp_path, track, ends_s, distort=distort, noise=0.5)
     (points,), _, _ = read(tmp_path)
@@ -275,10 +275,10 @@ def test_what_a_sweep_says():
     assert found.rows_deg[1] == pytest.approx((2.0, 1.0, 0.01, 0.0, 2.0))
     ratio = 1 / transfer("first", f, found.vector)
     assert found.left == pytest.approx((np.sqrt(np.mean((np.abs(ratio) - 1) ** 2)), np.sqrt(np.mean(np.angle(ratio) ** 2))))
-    said, besides = " ".join(found.lines), " ".join(later.lines)
-    assert "delay -6.5 ± 3.0 ms: the sensor's, the table's declared latency taken off" in said
+    reported, besides = " ".join(found.lines), " ".join(later.lines)
+    assert "delay -6.5 ± 3.0 ms: the sensor's, the table's declared latency taken off" in reported
     for words in ("a delay below zero", "does not describe these points"):  # a delay by more than two sigmas
-        assert words in said
+        assert words in reported
         assert words not in besides
 
 

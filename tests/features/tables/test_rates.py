@@ -55,18 +55,18 @@ def test_arrays_in_python(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "reported"),
     [
         (["absent.csv"], "absent.csv"),
         (["table.csv", "--output-column", "volts"], "no column 'volts'"),
         (["."], "table.toml: not found; a recording of rates"),
     ],
 )
-def test_what_is_refused_in_one_line(clipped, run, monkeypatch, words, said):
+def test_what_is_refused_in_one_line(clipped, run, monkeypatch, words, reported):
     monkeypatch.chdir(clipped.parent)
     code, _, err = run("rates", *words)
     assert code == 2
-    assert said in err
+    assert reported in err
     assert len(err.strip().splitlines()) == 1
 
 

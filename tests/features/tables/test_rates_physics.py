@@ -135,15 +135,15 @@ def test_columns_of_extras_and_their_units():
 
 
 @pytest.mark.parametrize(
-    ("hypothesis", "said"),
+    ("hypothesis", "reported"),
     [
         (LINE, "V = V0 + K w"),
         (Hypothesis("normalised_sine", lower=True), "V = clip(V0 + A sin x / (1 + j cos x), V−, ∞); x = w / w0"),
         (Hypothesis("line", False, True, ("hysteresis",), 2), "V = clip(V0 + K w + h direction / 2 + r [one reading], −∞, V+)"),
     ],
 )
-def test_the_equation_of_a_hypothesis(hypothesis, said):
-    assert hypothesis.equation == said
+def test_the_equation_of_a_hypothesis(hypothesis, reported):
+    assert hypothesis.equation == reported
 
 
 def test_the_first_harmonic_of_a_demodulator_is_the_bessel_function():

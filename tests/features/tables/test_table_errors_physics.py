@@ -17,7 +17,7 @@ from session.base.numeric import rms_of
 from session.base.units import DEG, EARTH_RATE_RPS
 from tinygc.features.tables.explanation import TableShown
 from tinygc.features.tables.machines.description import LATENCY_SIGMA_S, Axis, Description
-from tinygc.features.tables.observed import held_up_from, stamps_beside
+from tinygc.features.tables.observed import held_up_from, stamp_offsets
 from tinygc.features.tables.rows import (
     DROPPED,
     Comparison,
@@ -43,10 +43,10 @@ from tinygc.features.tables.rows_noise import (
 )
 from tinygc.features.tables.selection import (
     Named,
-    _Judged,
     _late,
     _Look,
     _odd_inside,
+    _Scored,
     _Search,
     select,
 )
@@ -87,8 +87,8 @@ def exact():
 def moved_rows(comparison, wrong):
     """Rows of force and rotation that a table's errors make, without any linearisation."""
     seen = comparison.observed
-    before = true_attitudes(seen.table, TableErrors.none(seen.table), seen.said, seen.senses)
-    after = true_attitudes(seen.table, wrong, seen.said, seen.senses)
+    before = true_attitudes(seen.table, TableErrors.none(seen.table), seen.reported, seen.senses)
+    after = true_attitudes(seen.table, wrong, seen.reported, seen.senses)
     force = before[:, 2] - after[:, 2]
     turn = [at[seen.first].transpose(0, 2, 1) @ at[seen.last] for at in (before, after)]
     rotation = Rotation.from_matrix(turn[0].transpose(0, 2, 1) @ turn[1]).as_rotvec()
@@ -96,7 +96,7 @@ def moved_rows(comparison, wrong):
 
 
 def test_columns_are_the_slopes_of_the_mechanics(exact):
-    of, count, unit = exact.observed.table, 3 * len(exact.observed.said) + 3 * len(exact.observed.first), SMALL * np.eye(4)
+    of, count, unit = exact.observed.table, 3 * len(exact.observed.reported) + 3 * len(exact.observed.first), SMALL * np.eye(4)
     columns = {(each.id, each.where): each.columns for each in candidates_of(exact)}
     pairs = [(column, errors(of, tilt=step[:3] / DEG)) for column, step in zip(columns["table.tilt", "base"].T, unit, strict=False)]
     for axis, name in enumerate("abc"):
@@ -137,7 +137,7 @@ def test_a_loss_is_in_the_sense_of_its_turn(exact):
     for turn in range(len(exact.observed.first)):
         axis = int(exact.observed.alone[turn])
         lost, dropped = columns["table.lost_steps", f"turn {turn}"], columns[DROPPED, f"turn {turn}"]
-        rows = slice(3 * len(exact.observed.said) + 3 * turn, 3 * len(exact.observed.said) + 3 * turn + 3)
+        rows = slice(3 * len(exact.observed.reported) + 3 * turn, 3 * len(exact.observed.reported) + 3 * turn + 3)
         # A motor that falls behind turns less than it says, as a sensor reads less that drops samples.
         assert np.sign(exact.observed.turned[turn, axis]) * (exact.axis[turn] @ lost[rows, 0]) == pytest.approx(-1, abs=1e-6)
         assert np.allclose(lost[rows], dropped[rows], atol=1e-6)
@@ -177,7 +177,7 @@ def test_the_fastest_ripple_is_what_the_blocks_resolve():
     edges[:, :, 0] = 0.1 * np.minimum(np.arange(6), 4)
     edges[:, :, 1] = 0.001 * np.arange(6)
     for axis, most in ((0, int(0.8 * np.pi / 0.1)), (1, 100), (2, 0)):
-        assert _most_cycles(SimpleNamespace(alone=np.full(3, min(axis, 1)), said_edges=edges), axis) == most
+        assert _most_cycles(SimpleNamespace(alone=np.full(3, min(axis, 1)), reported_edges=edges), axis) == most
 
 
 # Noise, term by term.
@@ -186,7 +186,7 @@ def test_the_fastest_ripple_is_what_the_blocks_resolve():
 def test_white_noise_of_rests_and_turns_is_that_of_means_and_integrals():
     seen = session(table(Z), moves=8)
     model = NoiseModel(Comparison(seen))
-    rests, turns = 3 * len(seen.said), 3 * len(seen.first)
+    rests, turns = 3 * len(seen.reported), 3 * len(seen.first)
     white, _ = model.blocks[0]
     assert np.diag(white)[:rests] == pytest.approx(seen.accel_walk[0] ** 2 / 2.0, rel=1e-9, abs=0)
     assert np.diag(white)[rests + turns :] == pytest.approx(seen.gyro_walk[0] ** 2 / 2.0, rel=1e-9, abs=0)
@@ -208,11 +208,11 @@ def test_the_walk_within_a_turn_is_that_of_a_bridge():
 def test_repeatability_is_one_angle_of_each_rest_in_units_of_the_declared():
     seen = session(table(X, sigma_deg=0.02), moves=8, mounting_rad=0.0)
     V = NoiseModel(Comparison(seen)).blocks[0][1][REPEATABILITY]
-    rests = 3 * len(seen.said)
-    tilt = V[:rests, :rests].reshape(len(seen.said), 3, len(seen.said), 3)
-    for i in range(len(seen.said)):
+    rests = 3 * len(seen.reported)
+    tilt = V[:rests, :rests].reshape(len(seen.reported), 3, len(seen.reported), 3)
+    for i in range(len(seen.reported)):
         assert np.trace(tilt[i, :, i]) == pytest.approx((0.02 * DEG) ** 2, rel=1e-6)  # gravity moves by the angle, across the axis
-        assert np.abs(tilt[i, :, (i + 1) % len(seen.said)]).max() < 1e-20
+        assert np.abs(tilt[i, :, (i + 1) % len(seen.reported)]).max() < 1e-20
     first = V[rests : rests + 3, rests : rests + 3]
     assert first[0, 0] == pytest.approx(2 * (0.02 * DEG) ** 2, rel=1e-6)  # a turn has two ends
     assert V[rests, rests + 3] == pytest.approx(-((0.02 * DEG) ** 2), rel=1e-6)  # and shares one with its neighbour
@@ -237,7 +237,7 @@ def test_the_wander_is_looked_for_about_what_is_known_of_it(instability_rps, usu
     assert model.usual[WANDER] == (usual, Prior(usual, 0.7))
     V = model.blocks[0][1][WANDER]
     seen = model._comparison.observed
-    rates = 3 * (len(seen.said) + len(seen.first)) + 3 * np.arange(len(seen.rest_s))
+    rates = 3 * (len(seen.reported) + len(seen.first)) + 3 * np.arange(len(seen.rest_s))
     expected = wander_covariance(seen.rest_s, seen.rest_span_s, instability_rps=1.0)  # of an instability of 1 rad/s, each axis by itself
     for one, other in np.ndindex(3, 3):
         assert V[np.ix_(rates + one, rates + other)] == pytest.approx(expected * (one == other), rel=1e-9)
@@ -257,7 +257,7 @@ def test_jitter_and_wander_of_the_stamps_are_angles_by_the_rate_and_blur_by_its_
     """Covariances of the rows within a turn, of each size alone, and of a resolution; where the axis rests stamps make no error."""
     seen = session(table(Z, Y), moves=8)
     for number, (_, of) in enumerate(NoiseModel(Comparison(seen)).blocks[1:]):
-        way, block_s = seen.said_edges[number, :, seen.alone[number]], seen.block_s[number]
+        way, block_s = seen.reported_edges[number, :, seen.alone[number]], seen.block_s[number]
         edges = slice(1, seen.blocks[number])
         rate = np.gradient(way) / block_s
         change = maximum_filter1d(np.abs(np.gradient(rate)) / block_s, 3)[edges]
@@ -303,26 +303,26 @@ def turn():
     """Answers of a turn of 90 degrees that begins and ends within it, stamped with a jitter of 1 ms."""
     rng, t_s = np.random.default_rng(4), np.arange(0, 3, 0.005)
     way = np.interp(t_s, [0.5, 2.5], [0, 90 * DEG])
-    asked_s = np.arange(0.03, 2.95, 0.06)
-    return t_s, way, asked_s, asked_s + 1e-3 * rng.normal(size=len(asked_s))
+    requested_s = np.arange(0.03, 2.95, 0.06)
+    return t_s, way, requested_s, requested_s + 1e-3 * rng.normal(size=len(requested_s))
 
 
 @pytest.mark.parametrize("late_s", [0.02, -0.02])
 def test_an_answer_that_was_held_up_is_found_and_no_other(turn, late_s):
-    t_s, way, asked_s, stamp_s = turn
+    t_s, way, requested_s, stamp_s = turn
     stamp_s[20] += late_s
-    beside_s = stamps_beside(stamp_s, np.interp(asked_s, t_s, way), t_s, way)
-    assert np.flatnonzero(np.abs(beside_s) > held_up_from([beside_s])).tolist() == [20]
-    assert beside_s[20] == pytest.approx(late_s, abs=3e-3)
+    offset_s = stamp_offsets(stamp_s, np.interp(requested_s, t_s, way), t_s, way)
+    assert np.flatnonzero(np.abs(offset_s) > held_up_from([offset_s])).tolist() == [20]
+    assert offset_s[20] == pytest.approx(late_s, abs=3e-3)
 
 
 @pytest.mark.parametrize("error_deg", [lambda a: 2.0 * (a > 45 * DEG), lambda a: 0.5 * np.sin(9 * a)])
 def test_an_error_of_the_table_is_no_answer_that_was_held_up(turn, error_deg):
     """Lost steps, a ripple and an index error: neighbours have them too."""
-    t_s, way, asked_s, stamp_s = turn
-    said = np.interp(asked_s, t_s, way)
-    beside_s = stamps_beside(stamp_s, said + error_deg(said) * DEG, t_s, way)
-    assert not (np.abs(beside_s) > held_up_from([beside_s])).any()
+    t_s, way, requested_s, stamp_s = turn
+    reported = np.interp(requested_s, t_s, way)
+    offset_s = stamp_offsets(stamp_s, reported + error_deg(reported) * DEG, t_s, way)
+    assert not (np.abs(offset_s) > held_up_from([offset_s])).any()
 
 
 # What is named, and with what certainty.
@@ -352,7 +352,7 @@ def test_a_set_has_the_evidence_of_its_best_scale_and_a_name_the_chance_of_least
     of = table(Z, Y)
     search = _Search(session(of, 3, moves=8, wrong=errors(of, tilt=(size_deg, -0.8 * size_deg, 0))))
     nothing = search.of([])
-    tilt = next(each.candidate for each in nothing.look.judged if each.candidate.id == "table.tilt")
+    tilt = next(each.candidate for each in nothing.look.scored if each.candidate.id == "table.tilt")
     best = search.of([replace(tilt, tried=1)], nothing)
     found = search.named(best, best.named[0], lambda p_value: p_value)
     state, own = np.split(best.fitted, [-2], axis=1)
@@ -374,7 +374,7 @@ def test_a_set_has_the_evidence_of_its_best_scale_and_a_name_the_chance_of_least
 def test_each_form_of_an_error_has_its_share_of_the_odds():
     of = table(Z, Y)
     search = _Search(session(of, 3, moves=8))
-    forms = [each.candidate for each in search.of([]).look.judged if each.candidate.id == "table.lost_steps"]
+    forms = [each.candidate for each in search.of([]).look.scored if each.candidate.id == "table.lost_steps"]
     lost = search.of([forms[2]])
     price = 2 * np.log(10 * len(forms)) + 1 - 2 * np.log(PRIOR_ODDS)
     assert lost.score - lost.noise.value == pytest.approx(price)
@@ -386,7 +386,7 @@ def base(clean):
     _, selected = clean
     look = _Search(selected.observed).of([]).look
     one_sided = {"table.lost_steps", DROPPED}
-    whole = [e for e in look.judged if e.seen.all() and not e.candidate.one_sided and e.candidate.id not in one_sided]
+    whole = [e for e in look.scored if e.seen.all() and not e.candidate.one_sided and e.candidate.id not in one_sided]
     return look, whole
 
 
@@ -406,8 +406,8 @@ def test_evidence_is_the_ratio_of_two_likelihoods(base):
 
 def test_a_limit_is_what_nine_of_ten_would_show(clean, base):
     (_, selected), (base, _) = clean, base
-    bar = norm.isf(0.025 / len(base.judged)) + norm.isf(0.1)
-    skew = next(each for each in base.judged if each.candidate.id == "table.nonorthogonal")
+    bar = norm.isf(0.025 / len(base.scored)) + norm.isf(0.1)
+    skew = next(each for each in base.scored if each.candidate.id == "table.nonorthogonal")
     limit, unit = selected.limits["table.nonorthogonal", "axes a, b"]
     assert unit == "deg"
     column = base.columns[:, skew.place.start]
@@ -429,17 +429,17 @@ def test_a_p_value_has_as_many_degrees_of_freedom_as_directions_are_seen(base):
 
 def test_the_smallest_p_of_independent_directions_is_that_of_sidak():
     """Five candidates, of 1, 1, 1, 2 and 2 directions that no other sees, one without any: P(smallest < p) = 1 - (1 - p)^5."""
-    size, start, judged = [1, 1, 1, 2, 2], 0, []
+    size, start, scored = [1, 1, 1, 2, 2], 0, []
     for count in size:
-        judged.append(_Judged(None, slice(start, start + count), np.full(count, 7.0), np.eye(count), 1.0, 0.0))
+        scored.append(_Scored(None, slice(start, start + count), np.full(count, 7.0), np.eye(count), 1.0, 0.0))
         start += count
-    judged.append(_Judged(None, slice(start, start + 1), np.array([1.9]), np.eye(1), 1.0, 0.0))
-    chance = _Look.chance(SimpleNamespace(gram=np.diag([49.0] * 7 + [1.9**2]), judged=judged), 1)
+    scored.append(_Scored(None, slice(start, start + 1), np.array([1.9]), np.eye(1), 1.0, 0.0))
+    chance = _Look.chance(SimpleNamespace(gram=np.diag([49.0] * 7 + [1.9**2]), scored=scored), 1)
     for p in (0.01, 0.05, 0.2):
         expected = 1 - (1 - p) ** 5
         assert chance(p) == pytest.approx(expected, abs=4 * np.sqrt(expected * (1 - expected) / 1000))
-    alone = [replace(judged[-1], place=slice(0, 1))]
-    assert _Look.chance(SimpleNamespace(gram=np.eye(1), judged=alone), 1)(1.0) == 1.0
+    alone = [replace(scored[-1], place=slice(0, 1))]
+    assert _Look.chance(SimpleNamespace(gram=np.eye(1), scored=alone), 1)(1.0) == 1.0
 
 
 def test_a_set_has_the_evidence_of_its_rows_with_the_price_of_its_errors():
@@ -481,7 +481,7 @@ def test_a_turn_is_odd_inside_from_six_times_the_usual_square_where_few_are(far,
     inner[13] = False
     inner[0, 2:] = False
     left = np.concatenate([np.zeros(5), np.sqrt(np.repeat([*squares, 100.0, 0.0], inner.sum(axis=1))), np.full(3, 9.0)])
-    seen = SimpleNamespace(said=np.zeros((15, 2)), alone=np.array([0] * 12 + [1, -1]))
+    seen = SimpleNamespace(reported=np.zeros((15, 2)), alone=np.array([0] * 12 + [1, -1]))
     base = SimpleNamespace(
         comparison=SimpleNamespace(observed=seen, inner=inner),
         look=SimpleNamespace(left=left),
@@ -566,10 +566,10 @@ def test_an_axis_that_turns_the_other_way_and_gravity_far_off_are_one_line(clean
     of, selected = clean
     seen = selected.observed
     wrong = replace(of, axes=(replace(of.axes[0], direction=-Z), of.axes[1]))
-    with pytest.raises(DataError, match=r"axis a turns the other way than it says: the gyroscope reads -1\.0"):
+    with pytest.raises(DataError, match=r"axis a turns the other way than it reports: the gyroscope reads -1\.0"):
         select(replace(seen, table=wrong))
     leaning = replace(of, mounting=Rotation.from_euler("x", 15, degrees=True).as_matrix())
     with pytest.raises(
-        DataError, match=r"gravity is up to 1\d deg from where the said angles have it \(rest \d+\), expected within 10 deg"
+        DataError, match=r"gravity is up to 1\d deg from where the reported angles have it \(rest \d+\), expected within 10 deg"
     ):
         select(replace(seen, table=leaning))

@@ -38,8 +38,8 @@ def patience(monkeypatch):
     monkeypatch.setattr("session.bench.guided_session.LAST_WORD_S", PATIENCE_S)
 
 
-def warnings(said) -> list[str]:
-    return [change.text for change in said.changes if change.kind is Kind.WARNING]
+def warnings(reported) -> list[str]:
+    return [change.text for change in reported.changes if change.kind is Kind.WARNING]
 
 
 def test_a_session_goes_on_behind_a_stop_and_a_fault_and_is_whole(tmp_path):
@@ -54,16 +54,16 @@ def test_a_session_goes_on_behind_a_stop_and_a_fault_and_is_whole(tmp_path):
         rounds.append(guide.stage is Stage.PAUSED)
         return sum(rounds) > 20
 
-    guide, said = bench.record(segments=1, interrupted=paused)
+    guide, reported = bench.record(segments=1, interrupted=paused)
     assert guide.stage is Stage.PAUSED
     assert not bench.bench.virtual.mechanics.is_moving()
-    (line,) = [text for text in warnings(said) if "opened again" not in text]
+    (line,) = [text for text in warnings(reported) if "opened again" not in text]
     assert "p goes on" in line
     assert "press its own emergency stop" not in line  # which is for what no program can stop
     bench.repair()
-    guide, said = bench.record(segments=1)
+    guide, reported = bench.record(segments=1)
     assert (guide.stage, guide.accepted, guide.rejected) == (Stage.DONE, 1, 0)
-    assert set(warnings(said)) == {"the port was opened again: a new log begins"}
+    assert set(warnings(reported)) == {"the port was opened again: a new log begins"}
     assert (bench.folder / "table.csv").read_text().startswith(before)
     session = read_session(bench.folder)
     angles = read_angles(bench.folder / "table.csv", bench.description)
@@ -89,8 +89,8 @@ def test_a_table_whose_board_falls_silent_stops(tmp_path):
         if bench.bench.silent:
             moved.append(bench.bench.virtual.mechanics.is_moving())
 
-    _, said = bench.record(segments=1, each=each, interrupted=lambda guide: len(moved) == 50)
-    assert any("no samples for 2 s while the table moves" in text for text in warnings(said))
+    _, reported = bench.record(segments=1, each=each, interrupted=lambda guide: len(moved) == 50)
+    assert any("no samples for 2 s while the table moves" in text for text in warnings(reported))
     assert moved[0]
     assert not any(moved[35:])  # 2 s, and the time to brake
 
@@ -98,10 +98,10 @@ def test_a_table_whose_board_falls_silent_stops(tmp_path):
 @pytest.mark.broad
 def test_the_closure_run_goes_through_attitudes_and_back_onto_its_mark(tmp_path):
     bench = Bench(tmp_path, table_toml("middle", "inner"))
-    guide, said = bench.record(segments=1, closure_s=20.0)
+    guide, reported = bench.record(segments=1, closure_s=20.0)
     assert guide.stage is Stage.DONE
-    assert not warnings(said)
-    assert [text for text in said.texts if text.startswith("closure run: ")]
+    assert not warnings(reported)
+    assert [text for text in reported.texts if text.startswith("closure run: ")]
     session = read_session(bench.folder)
     assert [log.path.name for log in session.closures] == ["closure0001.csv"]
     angles = read_angles(bench.folder / "table.csv", bench.description)
@@ -141,9 +141,9 @@ def rates_of(bench, log="rates0001.csv") -> np.ndarray:
 
 def test_steps_in_both_senses(tmp_path):
     bench = Bench(tmp_path, table_toml("middle", "inner"))
-    guide, said = bench.record(rates=(60,), dwell_s=1.5)
+    guide, reported = bench.record(rates=(60,), dwell_s=1.5)
     assert guide.stage is Stage.DONE
-    assert [text for text in said.texts if text.startswith("step")] == [
+    assert [text for text in reported.texts if text.startswith("step")] == [
         "step 1 of 2: +60 dps for 1.5 s",
         "step 2 of 2: -60 dps for 1.5 s",
     ]
@@ -169,18 +169,18 @@ def test_an_axis_with_limits_begins_at_one_of_them(tmp_path):
 
 @pytest.mark.broad
 def test_a_description_that_was_corrected_goes_on_with_its_session(tmp_path):
-    """The comparison says that direction or mounting is wrong: whoever mends them goes on, and all attitudes are of the new ones."""
+    """The comparison reports that direction or mounting is wrong: whoever mends them goes on, and all attitudes are of the new ones."""
     right = table_toml("middle", "inner")
     bench = Bench(tmp_path, right)
     wrong = right.replace("direction = [0, 1, 0]", "direction = [0, -1, 0]").replace("direction = [1, 0, 0]", "direction = [-1, 0, 0]")
     bench.file.write_text(wrong)
-    _, said = bench.record(segments=4, interrupted=lambda guide: guide.accepted == 3)
-    assert any("the other way round: the sign of the axis, or the mounting, is wrong" in text for text in said.texts)
+    _, reported = bench.record(segments=4, interrupted=lambda guide: guide.accepted == 3)
+    assert any("the other way round: the sign of the axis, or the mounting, is wrong" in text for text in reported.texts)
     bench.file.write_text(right)
     assert "takes its place" in require_table_of(bench.file, bench.folder)
-    guide, said = bench.record(segments=4)
+    guide, reported = bench.record(segments=4)
     assert guide.accepted == 4
-    assert not any("the other way round" in text for text in said.texts)
+    assert not any("the other way round" in text for text in reported.texts)
     assert (bench.folder / "table.toml").read_text() == right
     assert [path.read_text() for path in bench.folder.glob("table.toml.*")] == [wrong]
 

@@ -111,8 +111,8 @@ class Own(Firmware):
 
     def answer(self, line):
         word, *numbers = line.split()
-        said = self._answer(word, int(numbers[0]) - 1 if numbers else 0, float(numbers[1]) if len(numbers) > 1 else 0.0)
-        return [] if word == "HM" and self.later else [*said, ">"]
+        reported = self._answer(word, int(numbers[0]) - 1 if numbers else 0, float(numbers[1]) if len(numbers) > 1 else 0.0)
+        return [] if word == "HM" and self.later else [*reported, ">"]
 
     def _answer(self, word, axis, number):
         mechanics = self.mechanics

@@ -266,10 +266,10 @@ def _force_notes(model: ArrayModel, force: bool) -> list[str]:
     weights = force_weights(model)
     mean = [str(unit.number) for unit, weight in zip(model.units, weights, strict=True) if weight > 0]
     without = [str(unit.number) for unit in model.units[1:] if unit.position_m is None and unit.accelerometer is not None]
-    force = f"specific force: the mean of units {', '.join(mean)}"
+    shared = f"specific force: the mean of units {', '.join(mean)}"
     if without:
-        return [f"{force}; the lever arms of units {', '.join(without)} are left out: no position is known"]
-    return [f"{force}, at the first unit's accelerometer"]
+        return [f"{shared}; the lever arms of units {', '.join(without)} are left out: no position is known"]
+    return [f"{shared}, at the first unit's accelerometer"]
 
 
 def _with_change(

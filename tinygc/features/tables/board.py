@@ -1,6 +1,6 @@
 """``board --table FILE``: a virtual board on a virtual table, behind a port each, in real time.
 
-What the board streams follows what the table is told through its own port.  The table's device is asked whenever the board waits, so that
+What the board streams follows the commands on the table's own port.  The table's device is read whenever the board waits, so that
 one thread serves both.
 """
 
@@ -72,10 +72,10 @@ class TableUnderBoard:
         unit = unit_of(options)
 
         def attitudes_at(t_s: np.ndarray) -> np.ndarray:
-            return attitudes(description, np.stack([track.said(t_s) for track in table.tracks], axis=-1))
+            return attitudes(description, np.stack([track.reported(t_s) for track in table.tracks], axis=-1))
 
         sensor = SensorModel(options, unit, motion_on(attitudes_at, options, unit))
-        text = (head_of(options) + toml_text(config_of(options, unit, calibrated))).replace("SIM-", "")  # as the board says its serial
+        text = (head_of(options) + toml_text(config_of(options, unit, calibrated))).replace("SIM-", "")  # as the board reports its serial
 
         def rows(count: int) -> np.ndarray:
             if not sensor.next:  # the board was switched on later than the table

@@ -40,7 +40,7 @@ ACTIONS = {
 #: deg/s of ``turn`` where no rate is given
 RATE_DPS = 10.0
 #: s between two lines of a motion; between two looks at a port
-TELL_S, POLL_S = 1.0, 0.002
+PRINT_S, POLL_S = 1.0, 0.002
 SCHEMA = "tinygc-table-command/1"
 
 
@@ -92,12 +92,12 @@ def run(args: Options) -> int:
         args.refuse_beside(f"table {args.action}", *(("axes",) if args.action == "new" else ()))
         from tinygc.features.tables.machines.makes import makes, template
 
-        told = {"schema": SCHEMA, "action": args.action}
+        stated = {"schema": SCHEMA, "action": args.action}
         if args.action == "new":
-            return _told(args, template(args.words[0], args.axes).splitlines(), told | {"make": args.words[0]})
+            return _printed(args, template(args.words[0], args.axes).splitlines(), stated | {"make": args.words[0]})
         known = makes()
         listed = [{"name": name, "title": title} for name, title in known.items()]
-        return _told(args, [f"{name:10}  {title}" for name, title in known.items()], told | {"makes": listed})
+        return _printed(args, [f"{name:10}  {title}" for name, title in known.items()], stated | {"makes": listed})
     from tinygc.features.tables.machines.description import read_description
 
     args = replace(args, table=args.table or Path("table.toml"))  # no default: `table new … > table.toml` writes it
@@ -107,7 +107,7 @@ def run(args: Options) -> int:
         return {"check": _check, "virtual": _virtual}.get(args.action, _machine)(args, table)
 
 
-def _told(args: Options, lines: Sequence[str], table: dict) -> int:
+def _printed(args: Options, lines: Sequence[str], table: dict) -> int:
     """Print lines, and write the JSON."""
     for line in lines:
         output(args).print(printable(line))
@@ -123,8 +123,8 @@ def _check(args: Options, table: Description) -> int:
     for axis in table.axes:
         direction = ", ".join(f"{x:g}" for x in axis.direction)
         most = f"up to {axis.fastest_rps / DEG:g} dps, {axis.acceleration_rps2 / DEG:g} dps/s"
-        errs = f"angle within {axis.sigma_rad / DEG:g} deg, play {axis.backlash_rad / DEG:g} deg"
-        lines.append(f"  {axis.name} ({axis.word}): about {direction}; {axis.limits}; {most}; {errs}")
+        accuracy = f"angle within {axis.sigma_rad / DEG:g} deg, play {axis.backlash_rad / DEG:g} deg"
+        lines.append(f"  {axis.name} ({axis.word}): about {direction}; {axis.limits}; {most}; {accuracy}")
     if table.make not in MODULES:
         assert args.table is not None
         make = make_of(table, args.table.parent)
@@ -138,9 +138,9 @@ def _check(args: Options, table: Description) -> int:
             lines.append(
                 f"{table.make} is confirmed as it is"
                 if table.make_sha256 == make.sha256
-                else f"{table.make} is not confirmed; once you have read all of that, write beside make = in {args.table}: {line}"
+                else f"{table.make} is not confirmed; once you have read all of that, write next to make = in {args.table}: {line}"
             )
-    return _told(args, lines, _state(args, table, None))
+    return _printed(args, lines, _state(args, table, None))
 
 
 def _machine(args: Options, table: Description) -> int:
@@ -155,16 +155,16 @@ def _machine(args: Options, table: Description) -> int:
         if args.at_zero:
             guarded.stands_at_zero()
         if args.action == "clear":
-            _confirm(args, f"{table.name}: clear its alarm? You have seen why it stopped, and nobody is near")
+            _confirm(args, f"{table.name}: clear its alarm? You have seen why it stopped, and no one is near")
             guarded.clear()
         if args.action == "stop":
             guarded.stop()
         if moves:
-            guarded.confirm(moves, None if args.yes else lambda question: _confirm(args, question), _teller(args))
+            guarded.confirm(moves, None if args.yes else lambda question: _confirm(args, question), _printer(args))
             _move(args, guarded, moves)
         found = guarded.where()
     lines = [f"{axis.name}  {_shown(angle, 3)}" for axis, angle in zip(table.axes, found.angles, strict=True)]
-    return _told(args, [*lines, "it moves" if found.moving else "it rests"], _state(args, table, found))
+    return _printed(args, [*lines, "it moves" if found.moving else "it rests"], _state(args, table, found))
 
 
 def _moves(args: Options, table: Description) -> list[Move]:
@@ -189,7 +189,7 @@ def _moves(args: Options, table: Description) -> list[Move]:
 def _move(args: Options, guarded: Guarded, moves: Sequence[Move]) -> None:
     from session.bench.clocks import Clock
 
-    clock, tell = Clock(), _teller(args)
+    clock, show = Clock(), _printer(args)
     for move in moves:
         end_s = float("inf")
         if move.axis is None:
@@ -199,12 +199,12 @@ def _move(args: Options, guarded: Guarded, moves: Sequence[Move]) -> None:
             end_s = clock.now_s() + _number(args.words[2])
         else:
             guarded.turn_to(move.axis, move.most_rad, move.fastest_rps)
-        told_s = clock.now_s()
+        printed_s = clock.now_s()
         while (found := guarded.where()).moving and clock.now_s() < end_s:
-            if clock.now_s() - told_s >= TELL_S:
-                told_s = clock.now_s()
+            if clock.now_s() - printed_s >= PRINT_S:
+                printed_s = clock.now_s()
                 axes = zip(guarded.description.axes, found.angles, strict=True)
-                tell("  ".join(f"{axis.name} {_shown(angle, 2)}" for axis, angle in axes))
+                show("  ".join(f"{axis.name} {_shown(angle, 2)}" for axis, angle in axes))
             clock.sleep(0.05)
         if found.moving:
             guarded.stop()
@@ -224,7 +224,7 @@ def _virtual(args: Options, table: Description) -> int:
     with Terminal(args.link or LINK) as terminal:
         if not args.quiet and not is_standard_output(args.json):
             print(terminal.name, flush=True)
-        _teller(args)(
+        _printer(args)(
             f'{table.name}: a virtual {table.make}; write port = "{terminal.name}" into the file that {command_line("table")} reads'
         )
         try:
@@ -245,8 +245,8 @@ def _confirm(args: Options, question: str) -> bool:
     return args.yes or ask_person(f"{question} [y/N]", f"table {args.action}: not confirmed; nothing was moved")
 
 
-def _teller(args: Options) -> Told:
-    """Prints to standard error; a plan is shown even with --quiet where it is asked about."""
+def _printer(args: Options) -> Told:
+    """Prints to standard error; a plan is shown even with --quiet where it has to be confirmed."""
     quiet = args.quiet and args.yes
     return lambda text: None if quiet else print(printable(text), file=sys.stderr, flush=True)
 

@@ -1,8 +1,8 @@
-"""The table's own errors in ``explain``: what of a mismatch is the machine's, what the sensor's, and what is not to be told apart.
+"""The table's own errors in ``explain``: what of a mismatch is the machine's, what the sensor's, and what cannot be separated.
 
-Beside the twin of ``explain``, whose reference is the accelerometer: here the reference is the machine's word, which has errors in every
-still and within every turn, and they are columns of other rows (``rows.py``).  The sensor's effects are those of the catalogue, by their
-own columns; all compete in one search (``selection.py``).
+In addition to the twin of ``explain``, whose reference is the accelerometer: here the reference is the machine's word, which has errors in
+every still and within every turn, and they are columns of other rows (``rows.py``).  The sensor's effects are those of the catalogue, by
+their own columns; all compete in one search (``selection.py``).
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ from tinygc.inference.decide import KINDS
 from tinygc.reporting.drawing import Panel
 from tinygc.reporting.explanation_text import parameter_lines
 
-#: what each error says to a person, and the movement that tells it from what reads the same
-SAYS = {
+#: what each error means to a person, and the movement that separates it from what reads the same
+MEANINGS = {
     of.INDEX: (
         "the angle is read wrong once and twice a turn, as an encoder off its centre does",
         "rest every 30 degrees over a whole turn of that axis",
@@ -57,8 +57,8 @@ SAYS = {
         "put the axis level, where gravity sees its angle, and go back to an earlier angle",
     ),
     of.LATENCY: (
-        "the machine says its angles late",
-        "no movement tells a late word from a late sensor: compare with another sensor, or with the machine's own trigger",
+        "the machine reports its angles late",
+        "no movement separates a late word from a late sensor: compare with another sensor, or with the machine's own trigger",
     ),
     of.DROPPED: (
         "the gyroscope alone misses a part of a turn: samples were lost in it",
@@ -78,7 +78,7 @@ CLAIMED_P = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class TableShown:
-    """What a table shows besides in ``explain``: its description and what was selected; why nothing could be, else empty."""
+    """What a table adds to ``explain``: its description and what was selected; why nothing could be, else empty."""
 
     panels: ClassVar[tuple[Panel, ...]] = ()
     table: Description
@@ -136,7 +136,7 @@ class TableShown:
             return found
         sizes, (jitter_s, wander_s, time_s) = selected.noise.sizes, selected.noise.stamps
         return found | {
-            "rests": len(selected.observed.said),
+            "rests": len(selected.observed.reported),
             "turns": len(selected.observed.first),
             "p_value": selected.first_p,
             "left_p_value": selected.smallest_p,
@@ -161,7 +161,7 @@ class TableShown:
             "doubts": self.doubts,
             "suspected": list(selected.suspected),
             "inseparable": [
-                {"id": id, "where": where, "hidden_in": list(hidden), "movement": SAYS.get(id, OTHERWISE)[1]}
+                {"id": id, "where": where, "hidden_in": list(hidden), "movement": MEANINGS.get(id, OTHERWISE)[1]}
                 for (id, where), hidden in selected.hidden.items()
                 if of.whose(id) == of.TABLE and hidden and id != of.RIPPLE
             ],
@@ -169,7 +169,7 @@ class TableShown:
 
     def _effect(self, named: Named) -> dict[str, Any]:
         candidate = named.candidate
-        says, movement = SAYS.get(candidate.id, OTHERWISE)
+        meaning, movement = MEANINGS.get(candidate.id, OTHERWISE)
         return {
             "id": candidate.id,
             "whose": of.whose(candidate.id),
@@ -180,7 +180,7 @@ class TableShown:
             "p_value": named.p_value,
             "log_evidence": named.log_evidence,
             "equivalent": list(named.equivalent),
-            "description": says,
+            "description": meaning,
             "movement": movement if named.equivalent else None,
         }
 
@@ -203,7 +203,7 @@ class TableShown:
             )
             rows += [("", words) for words in parameter_lines(each["parameters"], each["std"])]
             if each["equivalent"]:
-                rows.append(("", f"could as well be {', '.join(each['equivalent'])}; to tell: {each['movement']}"))
+                rows.append(("", f"could as well be {', '.join(each['equivalent'])}; to separate them: {each['movement']}"))
         rows += [("", words) for words in shown["doubts"]]
         if not shown["effects"] and shown["suspected"]:
             rows.append(("", f"suspected, and not shown: {', '.join(shown['suspected'])}"))

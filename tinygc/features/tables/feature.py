@@ -35,7 +35,7 @@ class TableOptions(Record):
 
 @dataclass(frozen=True)
 class Columns(Record):
-    """Options of ``rates``: what a person says of a CSV."""
+    """Options of ``rates``: what a person knows of a CSV."""
 
     rate_column: str = option("", "the column of the table's rate", read=str, group=COLUMNS)
     output_column: str = option("", "the column of the sensor's mean output", read=str, group=COLUMNS)

@@ -26,7 +26,7 @@ from tinygc.features.tables.machines.description import Description
 SHORTEST_BLOCK_S = 0.04
 #: rad that an axis turns at least, where it counts as turned; a stage's own jitter is less
 TURNED_RAD = 0.5 * DEG
-#: fewer rests or turns say nothing of a table
+#: fewer rests or turns show nothing of a table
 FEWEST_RESTS, FEWEST_TURNS = 4, 3
 #: blocks of a turn, at most: a longer turn has longer blocks
 MOST_BLOCKS = 120
@@ -43,10 +43,10 @@ SHOWS_LATE, SHOWS_EARLY = 0.1, 0.5
 class Observed:
     """Q rests and S turns between them, in the order of time.
 
-    table; rest_s, rest_span_s (Q,): middle and length; force (Q, 3) g and rate (Q, 3) rad/s: means; temp_c (Q,) or NaN; said (Q, K) rad.
+    table; rest_s, rest_span_s (Q,): middle and length; force (Q, 3) g and rate (Q, 3) rad/s: means; temp_c (Q,) or NaN; stated (Q, K) rad.
     first, last (S,): the rests of each turn; turn_s (S,): its middle; block_s (S,): length of its blocks; blocks (S,): how many; rates
-    (S, B, 3) rad/s, zero beyond the last; said_edges (S, B + 1, K) rad: the machine's word at the edges, the last one repeated; answer_at
-    (S, B + 1): place of each edge among the answers of its turn, 2.5 in the middle between the answers 2 and 3.
+    (S, B, 3) rad/s, zero beyond the last; reported_edges (S, B + 1, K) rad: the machine's word at the edges, the last one repeated;
+    answer_at (S, B + 1): place of each edge among the answers of its turn, 2.5 in the middle between the answers 2 and 3.
     gyro_walk (3,) rad/√s and accel_walk (3,) g √s: white noise of integral and mean; instability_rps; fs_rps; latitude_rad or None;
     accel_sigma_g: how far the accelerometer's calibration may be off; blind (S,) bool: turns whose inside is not looked at.
     """
@@ -57,14 +57,14 @@ class Observed:
     force: np.ndarray
     rate: np.ndarray
     temp_c: np.ndarray
-    said: np.ndarray
+    reported: np.ndarray
     first: np.ndarray
     last: np.ndarray
     turn_s: np.ndarray
     block_s: np.ndarray
     blocks: np.ndarray
     rates: np.ndarray
-    said_edges: np.ndarray
+    reported_edges: np.ndarray
     gyro_walk: np.ndarray
     accel_walk: np.ndarray
     instability_rps: float
@@ -81,8 +81,8 @@ class Observed:
 
     @property
     def turned(self) -> np.ndarray:
-        """(S, K) rad: what the machine says that each axis turned."""
-        return self.said[self.last] - self.said[self.first]
+        """(S, K) rad: what the machine reports that each axis turned."""
+        return self.reported[self.last] - self.reported[self.first]
 
     @property
     def alone(self) -> np.ndarray:
@@ -93,8 +93,8 @@ class Observed:
     @property
     def senses(self) -> np.ndarray:
         """(Q, K): the sign of each axis' last motion before each rest, 0 before any."""
-        found = np.zeros_like(self.said)
-        change = np.diff(self.said, axis=0)
+        found = np.zeros_like(self.reported)
+        change = np.diff(self.reported, axis=0)
         for number, each in enumerate(change, start=1):
             found[number] = np.where(np.abs(each) > TURNED_RAD, np.sign(each), found[number - 1])
         return found
@@ -117,9 +117,9 @@ def observe(problem: Problem, table: Description, angles: Mapping[str, AngleLog]
             during = (word.t_ns >= samples.t_ns[still.start]) & (word.t_ns <= samples.t_ns[still.stop - 1]) & ~word.moving
             if still.problem is None and during.any():
                 rest_of[id(still)] = len(rests)
-                said = np.median(word.angles[during], axis=0)
+                reported = np.median(word.angles[during], axis=0)
                 middle = began + still.start_s + still.duration_s / 2
-                rests.append((middle, still.duration_s, still.accel_mean / gravity, still.gyro_mean, still.temp_c, said))
+                rests.append((middle, still.duration_s, still.accel_mean / gravity, still.gyro_mean, still.temp_c, reported))
     cut = []
     for segment in problem.used:
         if id(segment.first) not in rest_of or id(segment.last) not in rest_of:
@@ -130,7 +130,7 @@ def observe(problem: Problem, table: Description, angles: Mapping[str, AngleLog]
         ends = rests[first][5], rests[last][5]
         zero = (rests[first][3] + rests[last][3]) / 2
         cut.append((first, last, segment.log, Turn(problem.logs[segment.log].samples, segment.start, segment.stop, zero, word, ends)))
-    limit_s = held_up_from([turn.beside_s for *_, turn in cut])
+    limit_s = held_up_from([turn.offset_s for *_, turn in cut])
     turns = [(first, last, log, *turn.blocks(limit_s)) for first, last, log, turn in cut]
     if len(rests) < FEWEST_RESTS or len(turns) < FEWEST_TURNS:
         raise DataError(
@@ -142,7 +142,7 @@ def observe(problem: Problem, table: Description, angles: Mapping[str, AngleLog]
 
 def _record(problem: Problem, table: Description, rests: list, turns: list, gravity: float) -> Observed:
     config, accelerometer = problem.session.config, problem.session.config.accelerometer
-    middle, span, force, rate, temp_c, said = (np.array(column, dtype=float) for column in zip(*rests, strict=True))
+    middle, span, force, rate, temp_c, reported = (np.array(column, dtype=float) for column in zip(*rests, strict=True))
     *columns, rates, edges, answer_at = zip(*turns, strict=True)
     first, last, log, begin_s, block_s = map(np.array, columns)
     blocks = np.array(list(map(len, rates)))
@@ -160,7 +160,7 @@ def _record(problem: Problem, table: Description, rests: list, turns: list, grav
         force,
         rate,
         temp_c,
-        said,
+        reported,
         first,
         last,
         np.asarray(problem.began_s)[log] + begin_s + blocks * block_s / 2,
@@ -180,10 +180,10 @@ def _record(problem: Problem, table: Description, rests: list, turns: list, grav
 
 
 class Turn:
-    """One turn of a recording: samples start to stop, their mean (3,) rad/s in both rests, answers between them, and the said angles
+    """One turn of a recording: samples start to stop, their mean (3,) rad/s in both rests, answers between them, and the reported angles
     (2, K) rad of the rests.
 
-    poll_s (N,), said (N, K): the answers; beside_s (N,): ``stamps_beside``, NaN where several axes turn or none does.
+    poll_s (N,), reported (N, K): the answers; offset_s (N,): ``stamp_offsets``, NaN where several axes turn or none does.
     """
 
     def __init__(self, samples: Samples, start: int, stop: int, zero: np.ndarray, word: AngleLog, ends: tuple[np.ndarray, np.ndarray]):
@@ -192,17 +192,17 @@ class Turn:
         gyro = np.asarray(samples.gyro[start:stop], dtype=float)
         within = (word.t_ns > samples.t_ns[start]) & (word.t_ns < samples.t_ns[stop - 1])
         self.poll_s, at = np.unique((word.t_ns[within] - samples.t_ns[start]) * NS, return_index=True)
-        self.said = word.angles[within][at]
+        self.reported = word.angles[within][at]
         self._trapezoid = (gyro[1:] + gyro[:-1]) / 2 * np.diff(self._t_s)[:, None]
         self._angle = running_sum(self._trapezoid)
         turned = self._angle - zero * self._t_s[:, None]
         change, end = ends[1] - ends[0], turned[-1]
         moved = np.flatnonzero(np.abs(change) > TURNED_RAD)
-        self.beside_s = np.full(len(self.poll_s), np.nan)
+        self.offset_s = np.full(len(self.poll_s), np.nan)
         if len(moved) == 1 and end.any():
             way = turned @ end / (end @ end) * abs(change[moved[0]])
-            said = (self.said[:, moved[0]] - ends[0][moved[0]]) * np.sign(change[moved[0]])
-            self.beside_s = stamps_beside(self.poll_s, said, self._t_s, way)
+            reported = (self.reported[:, moved[0]] - ends[0][moved[0]]) * np.sign(change[moved[0]])
+            self.offset_s = stamp_offsets(self.poll_s, reported, self._t_s, way)
 
     def blocks(self, limit_s: float) -> tuple[float, float, np.ndarray, np.ndarray, np.ndarray]:
         """Begin and block length, s; rates (B, 3) of equal blocks; the machine's word (B + 1, K) at their edges, that of the rests at both
@@ -216,23 +216,25 @@ class Turn:
         coning = running_sum(np.cross(angle[:-1], trapezoid) / 2)
         own = np.stack([np.interp(edges, t_s, coning[:, axis]) for axis in range(3)], axis=1)
         vectors = np.diff(at_edges, axis=0) + np.diff(own, axis=0) - np.cross(at_edges[:-1], np.diff(at_edges, axis=0)) / 2
-        kept = ~(np.abs(self.beside_s) > limit_s)
-        return self._begin_s, float(edges[1]), vectors / edges[1], *said_at(edges, self.poll_s[kept], self.said[kept], self._ends)
+        kept = ~(np.abs(self.offset_s) > limit_s)
+        return self._begin_s, float(edges[1]), vectors / edges[1], *reported_at(edges, self.poll_s[kept], self.reported[kept], self._ends)
 
 
-def said_at(edges: np.ndarray, poll_s: np.ndarray, said: np.ndarray, ends: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+def reported_at(
+    edges: np.ndarray, poll_s: np.ndarray, reported: np.ndarray, ends: tuple[np.ndarray, np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
     """The machine's word (B + 1, K) at the edges of a turn, s, from its answers (N, K) at poll_s and from both rests; place of the edges
     (B + 1,) among the answers, where the rests count as such."""
     known_s = np.concatenate([edges[:1], poll_s, edges[-1:]])
-    known = np.concatenate([ends[0][None], said, ends[1][None]])
+    known = np.concatenate([ends[0][None], reported, ends[1][None]])
     return Akima1DInterpolator(known_s, known)(edges), np.interp(edges, known_s, np.arange(len(known_s)))
 
 
-def stamps_beside(poll_s: np.ndarray, said: np.ndarray, t_s: np.ndarray, way: np.ndarray) -> np.ndarray:
+def stamp_offsets(poll_s: np.ndarray, reported: np.ndarray, t_s: np.ndarray, way: np.ndarray) -> np.ndarray:
     """(N,) s: how much later the stamp of each answer is than the stamps of its neighbours, by an axis' way (M,) rad at t_s (M,), which
     grows; NaN where the axis hardly turns.
 
-    said (N,) rad: the way by the answers.  An error of the table is the same for the neighbours; a stamp that was held up is alone.
+    stated (N,) rad: the way by the answers.  An error of the table is the same for the neighbours; a stamp that was held up is alone.
     """
     if len(poll_s) < NEIGHBOURS:
         return np.full(len(poll_s), np.nan)
@@ -243,15 +245,15 @@ def stamps_beside(poll_s: np.ndarray, said: np.ndarray, t_s: np.ndarray, way: np
     seen = np.flatnonzero(fastest > SHOWS_LATE * rate.max())
     found = np.full(len(poll_s), np.nan)
     if len(seen) >= NEIGHBOURS:
-        late_s = (np.interp(poll_s, t_s, way) - said)[seen] / fastest[seen]
+        late_s = (np.interp(poll_s, t_s, way) - reported)[seen] / fastest[seen]
         around = np.lib.stride_tricks.sliding_window_view(np.pad(late_s, NEIGHBOURS // 2, mode="reflect"), NEIGHBOURS)
-        beside_s = late_s - np.median(around, axis=1)
-        found[seen] = np.where((beside_s > 0) | (slowest[seen] > SHOWS_EARLY * rate.max()), beside_s, np.nan)
+        offset_s = late_s - np.median(around, axis=1)
+        found[seen] = np.where((offset_s > 0) | (slowest[seen] > SHOWS_EARLY * rate.max()), offset_s, np.nan)
     return found
 
 
-def held_up_from(beside_s: Sequence[np.ndarray]) -> float:
-    """s from which a stamp counts as held up, of ``stamps_beside`` of all turns: ``HELD_UP`` sigmas of the usual ones (Hampel 1974)."""
-    beside = np.concatenate([np.zeros(0), *beside_s])
-    beside = beside[np.isfinite(beside)]
-    return HELD_UP * max(1.4826 * float(np.median(np.abs(beside))), LEAST_JITTER_S) if len(beside) else np.inf
+def held_up_from(offset_s: Sequence[np.ndarray]) -> float:
+    """s from which a stamp counts as held up, of ``stamp_offsets`` of all turns: ``HELD_UP`` sigmas of the usual ones (Hampel 1974)."""
+    offsets = np.concatenate([np.zeros(0), *offset_s])
+    offsets = offsets[np.isfinite(offsets)]
+    return HELD_UP * max(1.4826 * float(np.median(np.abs(offsets))), LEAST_JITTER_S) if len(offsets) else np.inf

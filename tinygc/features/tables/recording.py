@@ -171,9 +171,9 @@ class RateMover(MachineMover):
 MOST_BYTES = 1_000_000
 MASTER = "its own emergency stop stays master: keep it in reach; s stops the table at once, p pauses"
 HOME = "first all axes search their reference marks, at the machine's own rate"
-WAY_FREE = "is the way free, and does the table stand where its angles say (--home)?"
+WAY_FREE = "is the way free, and does the table stand at its angles (--home)?"
 UNCONFIRMED = "the plan is not confirmed, and nothing was moved"
-#: what is asked besides of a table that shows less than this share of the parameters
+#: what is requested of a table that shows less than this share of the parameters
 LEAST_SHOWN, SHOWS_LITTLE = 0.5, "such a session calibrates little of the sensor: turn nevertheless? (yes)"
 LINE, HARD_SPACE = 138, "\N{NO-BREAK SPACE}"  #: characters of a line of the plan
 
@@ -186,10 +186,10 @@ def _opened(table: Description, folder: Path) -> Guarded:
 
 
 def require_table_of(file: Path, folder: Path) -> str:
-    """FormatError where a recording in a folder is of another table: its ``table.csv`` would say other angles from here on.
+    """FormatError where a recording in a folder is of another table: its ``table.csv`` would hold other angles from here on.
 
-    What says how the table and the sensor lie (mounting, direction), its limits and what it can do may have been corrected since: returns
-    what that means, in words, or an empty text.
+    The entries on how the table and the sensor lie (mounting, direction), its limits and what it can do may have been corrected since:
+    returns what that means, in words, or an empty text.
     """
     copy = folder / description.NAME
     if not copy.exists() or read_text(copy, MOST_BYTES) == read_text(file, MOST_BYTES):
@@ -200,13 +200,13 @@ def require_table_of(file: Path, folder: Path) -> str:
     ]:
         differs = f"{copy}: make, settings or names of the axes are not those of {file}"
         raise FormatError(f"{differs}; a session is of one table: give --table {copy}, or another --out")
-    return f"{copy}: {file} takes its place, for what is recorded already too; the one before is kept beside it"
+    return f"{copy}: {file} takes its place, for what is recorded already too; the one before is kept next to it"
 
 
 class TurnedRecording:
     """A table for the recordings of one command.  ``confirmed`` before the first; ``mover`` for each; ``finish`` at the end.
 
-    file: table.toml; port: instead of its own; home: search the reference marks once the plan is confirmed; at_zero: a person says that
+    file: table.toml; port: instead of its own; home: search the reference marks once the plan is confirmed; at_zero: a person confirms that
     every axis stands at its zero; opened: opens the description in its folder; now_s: of a clock that is not the host's, and then the table
     has no thread.  Raises FormatError, TableFault, and TableLimit for a table that has
     restarted and lost its angles.
@@ -242,7 +242,7 @@ class TurnedRecording:
         self.moves = TableMoves(self.description, angles, HOLD_STILLS * Protocol().still_s)
 
     def confirmed(self, own: bool, segments: int, stop_at_target: bool, closure_s: float, yes: bool, quiet: bool = False) -> None:
-        """Print the plan, and have it confirmed.  CalibrationError where nobody does, or where the table can make no turn.
+        """Print the plan, and have it confirmed.  CalibrationError where no one does, or where the table can make no turn.
 
         own: whether the accelerometer is not calibrated.
         """
@@ -283,7 +283,7 @@ class TurnedRecording:
         )
 
     def _confirm(self, lines: Sequence[str], moves: list[Move], yes_quiet: tuple[bool, bool], *questions: str) -> None:
-        """Print a plan, have it confirmed, and search the reference marks where that was asked for: it is part of the plan."""
+        """Print a plan, have it confirmed, and search the reference marks where that was requested: it is part of the plan."""
         table, (yes, quiet) = self.description, yes_quiet
         if not (quiet and yes):
             of = [*self._notes, *([HOME] if self._home else []), *lines, MASTER, WAY_FREE]

@@ -3,13 +3,13 @@
     force     of each rest:  measured force, corrected, less -R_tb^T e_z, in g                            (Q, 3)
     rotation  of each turn:  rotation vector of (R_i^T R_j)^T Q_gyro, rad                                  (S, 3)
     rate      of each rest:  corrected rate less the Earth's, rad/s                                        (Q, 3)
-    within    of each turn of one axis alone: at each edge of a block, the gyroscope's angle about the axis less the said one, rad, both
-              with their ends taken together, so that scale and offset say nothing here                     (S, B - 1)
+    within    of each turn of one axis alone: at each edge of a block, the gyroscope's angle about the axis less the reported one, rad, both
+              with their ends taken together, so that scale and offset show nothing here                     (S, B - 1)
 
 All rows are recording less prediction.  Two operators take any small error to the rows:
 
-    ``of_attitudes``: rotations phi (Q, 3) of the body at rest that the prediction lacks, R_true = R Exp(phi): force phi x R^T e_z,
-    rotation phi_j - (R_i^T R_j)^T phi_i;     ``of_rates``: a rate that the gyroscope reads beside the true one, in blocks and rests.
+    ``of_attitudes``: rotations phi (Q, 3) of the body at rest missing from the prediction, R_true = R Exp(phi): force phi x R^T e_z,
+    rotation phi_j - (R_i^T R_j)^T phi_i;     ``of_rates``: a rate that the gyroscope reads on top of the true one, in blocks and rests.
 
 The sensor's calibration, the mounting, the zero of each axis, the Earth's rate and the latency of the machine's word are always free, with
 the priors below: the state.
@@ -39,7 +39,7 @@ from tinygc.features.tables.machines.description import (
 )
 from tinygc.features.tables.observed import Observed
 
-#: other errors of a table, with those of theta (P,) besides
+#: other errors of a table, with those of theta (P,) as well
 Added = Callable[[TableErrors, np.ndarray], TableErrors]
 
 # The state: what is always free, with the sigma of its prior.
@@ -65,7 +65,7 @@ SIZES, MOUNTED = (9, 3, 6, 3, 3, 3), slice(21, 24)
 
 def parts_of(observed: Observed) -> dict[str, np.ndarray]:
     """Name of each part of the state, and the sigma of each of its numbers."""
-    axes, accel, latitude = observed.said.shape[1], observed.accel_sigma_g, observed.latitude_rad
+    axes, accel, latitude = observed.reported.shape[1], observed.accel_sigma_g, observed.latitude_rad
     earth = (1.0, 1.0) if latitude is None else (np.cos(latitude), VERTICAL_SHARE)
     return {
         "gyroscope's matrix": np.full(9, MATRIX_SIGMA),
@@ -95,14 +95,14 @@ class Comparison:
     """An observed session at one state (P,), with the errors of the table that are known so far: residuals, and the operators of further
     small errors there.
 
-    errors: tilt, skew and wobble, and in ``lost`` of an axis the angles (Q,) rad at rest beside the said ones; they enter exactly.
+    errors: tilt, skew and wobble, and in ``lost`` of an axis the angles (Q,) rad at rest on top of the reported ones; they enter exactly.
     """
 
     def __init__(self, observed: Observed, state: np.ndarray | None = None, errors: TableErrors | None = None):
         self.observed = observed
         self.state = prior_of(observed)[0] if state is None else state
         self._errors = TableErrors.none(observed.table) if errors is None else errors
-        parts = np.split(self.state, np.cumsum([*SIZES, *[observed.said.shape[1]] * 2]))
+        parts = np.split(self.state, np.cumsum([*SIZES, *[observed.reported.shape[1]] * 2]))
         self.matrix, self._zero = np.eye(3) + parts[0].reshape(3, 3), parts[1]
         self._accel = np.eye(3)
         self._accel[UPPER] += parts[2]
@@ -110,9 +110,9 @@ class Comparison:
 
     @cached_property
     def angles(self) -> np.ndarray:
-        """(Q, K) rad: the word at rest, with the zeros of the state and what is known to lie beside it."""
-        beside = np.stack([np.broadcast_to(each.lost, len(self.observed.said)) for each in self._errors.axes], axis=1)
-        return self.observed.said + self._axis_zero + self.unmoved * self._before + beside
+        """(Q, K) rad: the word at rest, with the zeros of the state and what is known to be added to it."""
+        lost = np.stack([np.broadcast_to(each.lost, len(self.observed.reported)) for each in self._errors.axes], axis=1)
+        return self.observed.reported + self._axis_zero + self.unmoved * self._before + lost
 
     @cached_property
     def unmoved(self) -> np.ndarray:
@@ -130,7 +130,7 @@ class Comparison:
 
     @cached_property
     def at_rest(self) -> np.ndarray:
-        """R_tb (Q, 3, 3).  The zero of the outermost axis turns the base with it, so that a tilt is in the frame of the said angles."""
+        """R_tb (Q, 3, 3).  The zero of the outermost axis turns the base with it, so that a tilt is in the frame of the reported angles."""
         table, axes = self.observed.table, tuple(replace(each, lost=0.0) for each in self._errors.axes)
         outermost = self._axis_zero * (np.arange(len(axes)) == 0)
         stage = true_attitudes(table, replace(self._errors, axes=axes), self.angles - outermost)
@@ -151,7 +151,7 @@ class Comparison:
     def earth_in_blocks(self) -> np.ndarray:
         """(S, B, 3, 3): R_tb^T in the middle of each block."""
         seen = self.observed
-        middle = (seen.said_edges[:, 1:] + seen.said_edges[:, :-1]) / 2
+        middle = (seen.reported_edges[:, 1:] + seen.reported_edges[:, :-1]) / 2
         flat = self.attitudes(middle.reshape(-1, middle.shape[-1]))
         return flat.reshape(*middle.shape[:2], 3, 3).transpose(0, 1, 3, 2)
 
@@ -163,9 +163,9 @@ class Comparison:
 
     @cached_property
     def turning(self) -> np.ndarray:
-        """``rates``, zero where the machine says that nothing moves: what a column is made of must not hold the noise that it is held
+        """``rates``, zero where the machine reports that nothing moves: what a column is made of must not hold the noise that it is held
         against."""
-        moves = np.abs(np.diff(self.observed.said_edges, axis=1)).max(axis=2) > STANDS_RAD
+        moves = np.abs(np.diff(self.observed.reported_edges, axis=1)).max(axis=2) > STANDS_RAD
         return np.where(moves[..., None], self.rates, 0.0)
 
     @cached_property
@@ -200,18 +200,18 @@ class Comparison:
         return (np.arange(1, count) < seen.blocks[:, None]) & ((seen.alone >= 0) & ~seen.blind)[:, None]
 
     @cached_property
-    def said_way(self) -> np.ndarray:
-        """(S, B + 1) rad: what the machine says that the axis has turned since the begin, at each edge, ``latency_s`` later."""
+    def reported_way(self) -> np.ndarray:
+        """(S, B + 1) rad: what the machine reports that the axis has turned since the begin, at each edge, ``latency_s`` later."""
         seen = self.observed
-        way = (seen.said_edges - seen.said_edges[:, :1])[np.arange(len(seen.first)), :, seen.alone]
+        way = (seen.reported_edges - seen.reported_edges[:, :1])[np.arange(len(seen.first)), :, seen.alone]
         last = way.shape[1] - 1
         at = np.clip((self.latency_s / seen.block_s)[:, None] + np.arange(last + 1), 0, last) + 1
         padded = np.pad(way, ((0, 0), (1, 2)), mode="edge")
         return np.stack([cubic_weights(some, last + 4) @ each for each, some in zip(padded, at, strict=True)])
 
     def pinned(self, way: np.ndarray) -> np.ndarray:
-        """Rows ``within`` (W, …) of an angle (S, B + 1, …) at the edges: without its begin, and with its end shared as the said angle has
-        it."""
+        """Rows ``within`` (W, …) of an angle (S, B + 1, …) at the edges: without its begin, and with its end shared as the reported angle
+        has it."""
         share = self.share
         tail = (1,) * (way.ndim - 2)
         way = way - way[:, :1]
@@ -219,9 +219,9 @@ class Comparison:
 
     @cached_property
     def share(self) -> np.ndarray:
-        """(S, B + 1): of the said angle of a turn, at each edge."""
-        end = self.said_way[:, -1:]
-        return np.where(np.abs(end) > 0, self.said_way / np.where(np.abs(end) > 0, end, 1.0), 0.0)
+        """(S, B + 1): of the reported angle of a turn, at each edge."""
+        end = self.reported_way[:, -1:]
+        return np.where(np.abs(end) > 0, self.reported_way / np.where(np.abs(end) > 0, end, 1.0), 0.0)
 
     def residuals(self) -> np.ndarray:
         """(n,): recording less prediction."""
@@ -232,37 +232,37 @@ class Comparison:
             force=seen.force @ self._accel.T + self._accel_zero + self.down,
             rotation=Rotation.from_matrix(self.turned.transpose(0, 2, 1) @ self.by_gyro).as_rotvec(),
             rate=seen.rate @ self.matrix.T + self._zero - np.einsum("qji,j->qi", self.at_rest, self._earth),
-            within=self.pinned(running_sum(along, axis=1)) - self.pinned(self.said_way),
+            within=self.pinned(running_sum(along, axis=1)) - self.pinned(self.reported_way),
         )
         return rows[:, 0] - self.of_lag() @ self._lag
 
     def _rows(self, size: int, **parts: np.ndarray) -> np.ndarray:
         """(n, P) of force, rotation, rate and within, zero where a part is not given."""
-        rest, turns = 3 * len(self.observed.said), 3 * len(self.observed.first)
+        rest, turns = 3 * len(self.observed.reported), 3 * len(self.observed.first)
         counts = {"force": rest, "rotation": turns, "rate": rest, "within": int(self.inner.sum())}
         return np.concatenate([parts.get(name, np.zeros((count, size))).reshape(count, size) for name, count in counts.items()])
 
     # Operators: small errors to rows (n, P).
 
     def of_attitudes(self, phi: np.ndarray) -> np.ndarray:
-        """Rows of rotations phi (Q, 3, P) rad of the body at rest beside the prediction; nothing within turns."""
+        """Rows of rotations phi (Q, 3, P) rad of the body at rest on top of the prediction; nothing within turns."""
         seen = self.observed
         rotation = phi[seen.last] - np.einsum("sji,sjp->sip", self.turned, phi[seen.first])
         return self._rows(phi.shape[2], force=np.cross(phi, self.down[:, :, None], axis=1), rotation=rotation)
 
     def of_rates(self, turns: np.ndarray, rests: np.ndarray) -> np.ndarray:
-        """Rows of a rate that the gyroscope reads beside the true one: (S, B, 3, P) in blocks, (Q, 3, P) at rest, rad/s."""
+        """Rows of a rate that the gyroscope reads on top of the true one: (S, B, 3, P) in blocks, (Q, 3, P) at rest, rad/s."""
         seen = self.observed
         rotation = np.einsum("sbij,sbjp->sip", self.to_end, turns)
         along = np.einsum("sbip,si->sbp", turns, self.axis) * (seen.inside * seen.block_s[:, None])[..., None]
         return self._rows(rests.shape[2], rotation=rotation, rate=rests, within=self.pinned(running_sum(along, axis=1)))
 
     def of_forces(self, force: np.ndarray) -> np.ndarray:
-        """Rows of (Q, 3, P) g that the accelerometer reads beside the truth."""
+        """Rows of (Q, 3, P) g that the accelerometer reads on top of the truth."""
         return self._rows(force.shape[2], force=force)
 
     def of_angles(self, at_rest: np.ndarray) -> np.ndarray:
-        """Rows of angles at rest beside the said ones, (Q, K, P) rad."""
+        """Rows of angles at rest on top of the reported ones, (Q, K, P) rad."""
         return self.of_attitudes(np.einsum("qki,qkp->qip", self.about, at_rest))
 
     @cached_property
@@ -274,7 +274,7 @@ class Comparison:
 
     def of_state(self) -> np.ndarray:
         """(n, P): rows per unit that the truth lies beyond the state, by ``moved``."""
-        seen, rest, axes = self.observed, len(self.observed.said), self.observed.said.shape[1]
+        seen, rest, axes = self.observed, len(self.observed.reported), self.observed.reported.shape[1]
         basis = np.eye(9).reshape(9, 3, 3)
         gyro = (
             np.einsum("pij,sbj->sbip", basis, seen.rates @ self.matrix.T),
@@ -301,7 +301,7 @@ class Comparison:
 
     def of_latency(self) -> np.ndarray:
         """(n, 1) of a word that is 1 s late: rad within turns."""
-        rate = np.gradient(self.said_way, axis=1) / self.observed.block_s[:, None]
+        rate = np.gradient(self.reported_way, axis=1) / self.observed.block_s[:, None]
         return self._rows(1, within=self.pinned(rate[..., None]))
 
     def of_lag(self) -> np.ndarray:
@@ -310,7 +310,7 @@ class Comparison:
         seen, block_s = self.observed, self.observed.block_s[:, None, None]
         slope = np.gradient(self.turning, axis=1) / block_s
         late = np.where(seen.inside[..., None, None], np.stack([-slope, np.gradient(slope, axis=1) / block_s], axis=-1), 0.0)
-        return self.of_rates(late, np.zeros((len(seen.said), 3, 2))) + self.of_latency() * [1.0, 0.0]
+        return self.of_rates(late, np.zeros((len(seen.reported), 3, 2))) + self.of_latency() * [1.0, 0.0]
 
     def of_errors(self, added: Added, size: int) -> np.ndarray:
         """(n, P) of errors that move the body at rest, each of ``size`` numbers: slopes at what is known already."""
@@ -319,8 +319,8 @@ class Comparison:
         return self.of_attitudes(np.moveaxis(turn.reshape(size, -1, 3), 0, -1))
 
     def of_angle_function(self, axis: int, function: np.ndarray, edges: Callable[[], np.ndarray]) -> np.ndarray:
-        """(n, P) of an axis' angle beside the said one: (Q, P) rad at rest, (S, B + 1, P) at the edges of its own turns."""
-        at_rest = np.zeros((*self.observed.said.shape, function.shape[1]))
+        """(n, P) of an axis' angle on top of the reported one: (Q, P) rad at rest, (S, B + 1, P) at the edges of its own turns."""
+        at_rest = np.zeros((*self.observed.reported.shape, function.shape[1]))
         at_rest[:, axis] = function
         own = (self.observed.alone == axis)[:, None, None]
         within = self.pinned(np.where(own, edges(), 0.0))
@@ -331,13 +331,13 @@ class Comparison:
         senses = self.observed.senses[:, axis]
         before, after = senses[self.observed.first], senses[self.observed.last]
         # A turn that reverses the sense takes up the play first: as soon as the motor turns, the stage hangs as it will at the end.
-        begun = np.abs(self.said_way) > BEGUN_RAD
+        begun = np.abs(self.reported_way) > BEGUN_RAD
         return -np.where(begun, after[:, None], np.where(before != 0, before, after)[:, None])[..., None] / 2
 
     def of_dropped(self, turn: int) -> np.ndarray:
         """(n, 1) of an angle about the axis of a turn that the gyroscope alone has lost, rad."""
         rotation = np.zeros((len(self.axis), 3, 1))
-        rotation[turn, :, 0] = -self.axis[turn] * np.sign(self.said_way[turn, -1])
+        rotation[turn, :, 0] = -self.axis[turn] * np.sign(self.reported_way[turn, -1])
         return self._rows(1, rotation=rotation)
 
 
@@ -356,7 +356,7 @@ def harmonic(angle: np.ndarray, *cycles: int) -> np.ndarray:
 def moved(state: np.ndarray, step: np.ndarray) -> np.ndarray:
     """A state (P,) further by a step (P,): the gyroscope's matrix (I + V) E, the mounting M Exp(v), the others by their sum.
 
-    The mounting, the gyroscope's frame and the accelerometer's turn together as one; what tells them apart is weak against what holds their
+    The mounting, the gyroscope's frame and the accelerometer's turn together as one; what separates them is weak against what holds their
     sum, so the columns have to be the exact slopes of this.
     """
     found = state + step
@@ -405,7 +405,7 @@ FORMS = {
 ONE_SIDED = (BACKLASH,)
 #: cycles a turn from which an angle's error is a ripple; up to which it is looked for; of those that a turn's blocks resolve
 FIRST_RIPPLE, LAST_RIPPLE, RESOLVED = 3, 100, 0.8
-#: degC: temperatures that range over less say nothing
+#: degC: temperatures that range over less show nothing
 LEAST_WARMED_C = 1.0
 
 
@@ -436,7 +436,7 @@ class Candidate:
 
     @property
     def key(self) -> tuple:
-        """What tells it from all others."""
+        """What separates it from all others."""
         return self.id, self.where, *self.shape.values()
 
     @cached_property
@@ -465,7 +465,7 @@ def _of_table(comparison: Comparison) -> Iterator[Candidate]:
     yield _at_rest(comparison, TILT, "base", _tilted, 2)
     for number, axis in enumerate(axes):
         at, of_angle = f"axis {axis.name}", partial(_of_angle, comparison, number)
-        angles = seen.said[:, number], seen.said_edges[:, :, number]
+        angles = seen.reported[:, number], seen.reported_edges[:, :, number]
         yield of_angle(INDEX, at, harmonic(angles[0], 1, 2), partial(harmonic, angles[1], 1, 2))
         yield _at_rest(comparison, WOBBLE, at, partial(_wobbling, number), 4, axis=axis.name)
         yield of_angle(BACKLASH, at, -seen.senses[:, number, None] / 2, partial(comparison.play_at_edges, number))
@@ -494,7 +494,7 @@ def _of_angle(
     """An error of an axis' angle, by ``of_angle_function``: rad per rad at rest, and at the edges."""
     make = partial(comparison.of_angle_function, axis, function, edges)
     name = comparison.observed.table.axes[axis].name
-    return _candidate(id, where, make, function.shape[1], partial(_beside, axis, function), {"axis": name, **shape})
+    return _candidate(id, where, make, function.shape[1], partial(_with_angles, axis, function), {"axis": name, **shape})
 
 
 def _tilted(errors: TableErrors, theta: np.ndarray) -> TableErrors:
@@ -505,8 +505,8 @@ def _of_axis(errors: TableErrors, axis: int, **changed: np.ndarray) -> TableErro
     return replace(errors, axes=(*errors.axes[:axis], replace(errors.axes[axis], **changed), *errors.axes[axis + 1 :]))
 
 
-def _beside(axis: int, function: np.ndarray, errors: TableErrors, theta: np.ndarray) -> TableErrors:
-    """With angles at rest beside the said ones, function (Q, P) rad per rad."""
+def _with_angles(axis: int, function: np.ndarray, errors: TableErrors, theta: np.ndarray) -> TableErrors:
+    """With angles at rest on top of the reported ones, function (Q, P) rad per rad."""
     return _of_axis(errors, axis, lost=errors.axes[axis].lost + function @ theta)
 
 
@@ -523,18 +523,18 @@ def _most_cycles(observed: Observed, axis: int) -> int:
     own = observed.alone == axis
     if not own.any():
         return 0
-    steps = np.abs(np.diff(observed.said_edges[own, :, axis], axis=1))
+    steps = np.abs(np.diff(observed.reported_edges[own, :, axis], axis=1))
     return int(min(LAST_RIPPLE, RESOLVED * np.pi / np.median(steps.max(axis=1))))
 
 
 def _lost_in_turns(comparison: Comparison) -> Iterator[Candidate]:
-    """A motor that falls behind in a turn, for good, where in the turn is not asked; a gyroscope that misses a part of one."""
+    """A motor that falls behind in a turn, for good, at any place in the turn; a gyroscope that misses a part of one."""
     seen = comparison.observed
-    no_edges = partial(np.zeros, (*seen.said_edges.shape[:2], 1))
+    no_edges = partial(np.zeros, (*seen.reported_edges.shape[:2], 1))
     for turn, alone in enumerate(seen.alone.tolist()):
         moved = np.flatnonzero(np.abs(seen.turned[turn]) > 0.5 * DEG) if alone < 0 else [alone]
         for axis in map(int, moved):
-            lost = np.where(np.arange(len(seen.said)) >= seen.last[turn], -np.sign(seen.turned[turn, axis]), 0.0)[:, None]
+            lost = np.where(np.arange(len(seen.reported)) >= seen.last[turn], -np.sign(seen.turned[turn, axis]), 0.0)[:, None]
             found = _of_angle(comparison, axis, LOST, f"turn {turn}", lost, no_edges, turn=turn)
             yield found
             if alone >= 0:
@@ -563,7 +563,7 @@ def _columns(comparison: Comparison, effect: Effect, rests: Movement, turns: lis
     for number, turn in enumerate(turns):
         in_turns[number, : len(turn.t_s)] = effect.columns(effect.shown(turn))
     # A rest has no neighbours to look at.
-    at_rest = np.zeros((len(seen.said), 3, effect.parameter.size)) if effect.reach else effect.columns(effect.shown(rests))
+    at_rest = np.zeros((len(seen.reported), 3, effect.parameter.size)) if effect.reach else effect.columns(effect.shown(rests))
     return comparison.of_rates(in_turns, at_rest)
 
 

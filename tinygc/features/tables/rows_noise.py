@@ -1,11 +1,11 @@
-"""Noise of the rows that compare a sensor with its table: what is known beforehand, and what the recording itself says.
+"""Noise of the rows that compare a sensor with its table: what is known beforehand, and what the recording itself shows.
 
 All of it is variance components, whose sizes are estimated together by restricted likelihood (``tinygc.inference.noise``).  Rest and turn
 rows have one covariance:
 
     white noise of gyroscope and accelerometer, as measured in the stills                                        known
     wander of the gyroscope's zero (bias instability)                                                            estimated about a prior
-    repeatability of the table, at each rest anew, in units of the accuracy that each axis declares              estimated
+    repeatability of the table, newly at each rest, in units of the accuracy that each axis declares              estimated
     accelerometer at each rest, gyroscope in each turn: whatever no model has                                    estimated
 
 Rows within a turn have their own: the walk of the angle between its two ends, which are pinned; and the machine's word, by its resolution,
@@ -77,7 +77,7 @@ class NoiseModel:
     def __init__(self, comparison: Comparison):
         seen = comparison.observed
         self._comparison = comparison
-        rest, turn = 3 * len(seen.said), 3 * len(seen.first)
+        rest, turn = 3 * len(seen.reported), 3 * len(seen.first)
         self.outer = rest + turn + rest
         white = np.zeros((self.outer, self.outer))
         np.fill_diagonal(white[:rest, :rest], (seen.accel_walk[None] ** 2 / seen.rest_span_s[:, None]).ravel())
@@ -87,8 +87,8 @@ class NoiseModel:
         turns = np.arange(len(walked))
         white[rest : rest + turn, rest : rest + turn].reshape(len(turns), 3, len(turns), 3)[turns, :, turns] = walked
         declared = np.array([axis.sigma_rad for axis in seen.table.axes])
-        scattered = np.einsum("qr,kl,k->qkrl", np.eye(len(seen.said)), np.eye(len(declared)), declared)
-        scattered = comparison.of_angles(scattered.reshape(*seen.said.shape, -1))[: self.outer]
+        scattered = np.einsum("qr,kl,k->qkrl", np.eye(len(seen.reported)), np.eye(len(declared)), declared)
+        scattered = comparison.of_angles(scattered.reshape(*seen.reported.shape, -1))[: self.outer]
         kind = np.repeat([0, 1, 2], [rest, turn, rest])
         wander = max(seen.instability_rps, 1e-9)
         self.usual: dict[str | float, tuple[float, Prior | None]] = {
@@ -123,7 +123,7 @@ class NoiseModel:
         (W, W) of the word."""
         comparison, seen = self._comparison, self._comparison.observed
         found = []
-        rate = np.gradient(comparison.said_way, axis=1) / seen.block_s[:, None]
+        rate = np.gradient(comparison.reported_way, axis=1) / seen.block_s[:, None]
         # Where an axis starts or stops within a block, the word between two answers is off by as much as at its neighbours.
         values = np.abs(np.gradient(rate, axis=1)) / seen.block_s[:, None]
         padded = np.pad(values, ((0, 0), (1, 1)), mode="edge")

@@ -1,14 +1,14 @@
-"""Which errors a comparison has: the set of errors with the most evidence, with everything that is always free beside them.
+"""Which errors a comparison has: the set of errors with the most evidence, with everything that is always free.
 
 A set is fitted exactly, however large its errors, with the noise estimated in it: a large error that is not named yet makes the noise of
 all rows large.  Its score is -2 log of the restricted likelihood, with the price of each error (``price``; each of n forms of one error
 has 1/n of its odds).  ``climb`` looks for the best set: from the errors so far one less, or one more of those that promise the most by
-what is left of their columns beside all that is fitted,
+what is left of their columns next to all that is fitted,
 
     gain = |U^T y|^2, U the directions in which its sigma is below ``SEEN`` of its plausible size;  p of chi-square with that many freedoms
 
 in units of the noise as estimated, and of the noise that is known beforehand.  p is family-wise, drawn under noise alone for these columns
-(``Selection``).  Errors of another name whose evidence in its place is within ``AS_PROBABLE`` of it cannot be told from it with these
+(``Selection``).  Errors of another name whose evidence in its place is within ``AS_PROBABLE`` of it cannot be separated from it with these
 attitudes.
 
 The latency of the machine's word is part of the state: it is estimated in any case, and is named where it is beyond the delay that a
@@ -38,10 +38,10 @@ from tinygc.inference.solve import solve
 SEEN = 0.5
 #: steps of the state, which is nonlinear, at most; a step that moves no number by that share of its own sigma is the last
 STEPS, SETTLED = 20, 0.03
-#: sigmas of its prior that a number moves in one step, at most: beside an error that is not named yet a step may overshoot
+#: sigmas of its prior that a number moves in one step, at most: next to an error that is not named yet a step may overshoot
 FARTHEST = 2.0
 MOST_NAMED, MOST_SUSPECTED = 8, 3
-#: share of the said angles that the gyroscope reads at least; rad that gravity is at most from where the said angles have it
+#: share of the reported angles that the gyroscope reads at least; rad that gravity is at most from where the reported angles have it
 LEAST_SHARE, FARTHEST_RAD = 0.5, 10 * DEG
 #: power of 90 %, one-sided, in sigmas
 POWER = 1.2816
@@ -49,11 +49,11 @@ POWER = 1.2816
 HIDDEN_SHARE = 0.2
 #: a turn's inside is not looked at where its rows are that many times as large as the axis' usual turn, and few turns are
 ODD, FEW = 6.0, 0.25
-#: errors that are weighed exactly beside a set, of those that promise the most by either noise
+#: errors that are weighed exactly next to a set, of those that promise the most by either noise
 TRIED = 2
-#: s: filter of a sensor and stamps of the board, one sigma: a latency within them is nobody's fault
+#: s: filter of a sensor and stamps of the board, one sigma: a latency within them is no one's fault
 DELAY_SIGMA_S = 0.005
-#: s: stamps of the word are late besides: an answer takes up to 20 ms (the timer of a USB converter, a busy computer), and is stamped in
+#: s: stamps of the word are late as well: an answer takes up to 20 ms (the timer of a USB converter, a busy computer), and is stamped in
 #: the middle; root mean square of 0 to 10 ms, set such that 20 ms have no name and 34 ms have (benchmarks/table_errors.py stamps)
 LATE_STAMPS_S = 0.01 / np.sqrt(3)
 #: sensor's effects that read as a latency, where all axes have them alike
@@ -63,7 +63,7 @@ AS_LATENCY = ("gyro.bandwidth", "timing.axis_skew")
 @dataclass(frozen=True, eq=False)
 class Named:
     """An error that is named: theta, sigma (P,) SI, of what is seen of it; p_value, family-wise; log_evidence; equivalent: ids of what
-    cannot be told from it."""
+    cannot be separated from it."""
 
     candidate: Candidate
     theta: np.ndarray
@@ -95,8 +95,8 @@ class Selected:
 
 
 @dataclass(frozen=True, eq=False)
-class _Judged:
-    """A candidate beside a set: place: of its columns among all; s (P,): 1 / sigma of each singular direction in plausible sizes; right
+class _Scored:
+    """A candidate next to a set: place: of its columns among all; s (P,): 1 / sigma of each singular direction in plausible sizes; right
     (P, P): these directions, in columns; p_value of its own; log_evidence."""
 
     candidate: Candidate
@@ -113,8 +113,8 @@ class _Judged:
 
 
 class _Look:
-    """All candidates beside a fit, in units of a noise: design (n + p, p) of what is fitted and of the priors, its basis, and left (n + p,)
-    beside it; columns (n, T) of all candidates, in plausible sizes, and gram (T, T), their products beside what is fitted."""
+    """All candidates next to a fit, in units of a noise: design (n + p, p) of what is fitted and of the priors, its basis, and left (n +
+    p,) next to it; columns (n, T) of all candidates, in plausible sizes, and gram (T, T), their products next to what is fitted."""
 
     def __init__(self, fit: _Fit, noise: RowsNoise):
         self.design = np.concatenate([noise.whiten(fit.fitted), np.eye(fit.fitted.shape[1])])
@@ -125,7 +125,7 @@ class _Look:
         taken = self.basis[: len(self.columns)].T @ self.columns
         self.gram = self.columns.T @ self.columns - taken.T @ taken
         pull = self.columns.T @ self.left[: len(self.columns)]
-        self.judged, start = [], 0
+        self.scored, start = [], 0
         for each in fit.candidates:
             place = slice(start, start + len(each.plausible))
             start = place.stop
@@ -139,21 +139,21 @@ class _Look:
                 z = np.zeros_like(z)
             p_value = chi_square_above(float(np.sum(z[seen] ** 2)), int(seen.sum())) if seen.any() else 1.0
             evidence = over_scales(np.diag(s[seen] ** 2), (s * z)[seen], [int(seen.sum())])
-            self.judged.append(_Judged(each, place, s, right, p_value, evidence + float(np.log(PRIOR_ODDS / each.tried))))
+            self.scored.append(_Scored(each, place, s, right, p_value, evidence + float(np.log(PRIOR_ODDS / each.tried))))
 
     def chance(self, seed: int) -> Callable[[float], float]:
-        """p-value -> the chance of as small a one, of the best of the candidates, whose columns have these products beside all that is
+        """p-value -> the chance of as small a one, of the best of the candidates, whose columns have these products next to all that is
         fitted."""
         values, axes = np.linalg.eigh(self.gram)
         kept = values > 1e-9 * values[-1]
         columns = (axes[:, kept] * np.sqrt(values[kept])).T
-        groups = {number: columns[:, each.place] for number, each in enumerate(self.judged)}
+        groups = {number: columns[:, each.place] for number, each in enumerate(self.scored)}
         drawn = Selection(np.zeros((len(columns), 0)), groups, seed, is_known=True, seen=1 / SEEN)
         return lambda p_value: drawn.family_wise(float(np.log(max(p_value, 1e-300))))
 
-    def hidden_in(self, judged: _Judged, direction: np.ndarray, state: np.ndarray) -> tuple[str, ...]:
+    def hidden_in(self, scored: _Scored, direction: np.ndarray, state: np.ndarray) -> tuple[str, ...]:
         """Parts of the state, by the name of each of its numbers (P,), that take up a direction of an error; empty where it has no rows."""
-        column = self.columns[:, judged.place] @ direction
+        column = self.columns[:, scored.place] @ direction
         size = float(np.linalg.norm(column))
         if size < 1:
             return ()
@@ -220,17 +220,17 @@ class _Search:
             yield self.of([other for other in fit.named if other is not each], fit)
         promising: dict[tuple, Candidate] = {}
         for look in (fit.look, _Look(fit, fit.model.known_alone(fit.noise))) if len(fit.named) < MOST_NAMED else ():
-            best = sorted(look.judged, key=lambda each: -each.log_evidence)[:TRIED]
+            best = sorted(look.scored, key=lambda each: -each.log_evidence)[:TRIED]
             promising |= {each.candidate.key: each.candidate for each in best if each.log_evidence > 0}
         for candidate in promising.values():
             yield self.of([*fit.named, candidate], fit)
 
     def named(self, best: _Fit, candidate: Candidate, chance: Callable[[float], float]) -> Named:
-        """The parameters of one error of the best set, and what could stand in its place beside the others."""
+        """The parameters of one error of the best set, and what could stand in its place next to the others."""
         others = [each for each in best.named if each is not candidate]
         without = self.of(others, best)
-        own = next(each.log_evidence for each in without.look.judged if each.candidate.key == candidate.key)
-        near = [each for each in without.look.judged if each.candidate.id != candidate.id and each.log_evidence > own - AS_PROBABLE]
+        own = next(each.log_evidence for each in without.look.scored if each.candidate.key == candidate.key)
+        near = [each for each in without.look.scored if each.candidate.id != candidate.id and each.log_evidence > own - AS_PROBABLE]
         rivals = {each.candidate.id: each.candidate for each in sorted(near, key=lambda each: each.log_evidence)}
         equal = {id for id, rival in rivals.items() if self.of([*others, rival], without).score < best.score + 2 * AS_PROBABLE}
         here, size = best.keys[candidate.key], candidate.plausible
@@ -257,13 +257,13 @@ def select(observed: Observed, seed: int = 0) -> Selected:
         search = _Search(observed)
         nothing = search.of([])
     best = climb(nothing, search.near)
-    judged, chance = best.look.judged, nothing.look.chance(seed)
+    scored, chance = best.look.scored, nothing.look.chance(seed)
     found = [search.named(best, each, chance) for each in best.named]
-    chances = [chance(each.p_value) for each in nothing.look.judged]
+    chances = [chance(each.p_value) for each in nothing.look.scored]
     first_p = min([*chances, *(each.p_value for each in found)], default=1.0)
     if found:
         chance = best.look.chance(seed)
-        chances = [chance(each.p_value) for each in judged]
+        chances = [chance(each.p_value) for each in scored]
     at = len(best.comparison.state) - 3
     latency, sigma = float(best.theta[at]), float(np.sqrt(best.covariance[at, at]))
     evidence = latency**2 / (sigma**2 + DELAY_SIGMA_S**2 + (LATE_STAMPS_S**2 if latency > 0 else 0.0)) / 2
@@ -271,16 +271,16 @@ def select(observed: Observed, seed: int = 0) -> Selected:
     if p_latency < LEVEL:
         found.append(_late(best.comparison, latency, sigma, p_latency, evidence))
         first_p = min(first_p, p_latency)
-    left = sorted((p, each.candidate.id) for each, p in zip(judged, chances, strict=True) if p <= LEVEL)
+    left = sorted((p, each.candidate.id) for each, p in zip(scored, chances, strict=True) if p <= LEVEL)
     suspected = tuple(dict.fromkeys(id for _, id in left))[:MOST_SUSPECTED]
     limits: dict[tuple[str, str], tuple[float, str]] = {}
     hidden: dict[tuple[str, str], tuple[str, ...]] = {}
     state = np.array([name for name, sigma in parts_of(observed).items() for _ in sigma])
-    for each in judged:
+    for each in scored:
         candidate, seen = each.candidate, each.seen
         place = candidate.id, "any turn" if candidate.id == LOST else candidate.where
         if seen.any() and not any((candidate.id, candidate.where) == (other.id, other.where) for other in best.named):
-            least_seen = np.sqrt(chdtri(seen.sum(), LEVEL / len(judged))) + POWER
+            least_seen = np.sqrt(chdtri(seen.sum(), LEVEL / len(scored))) + POWER
             name, si, _ = candidate.parts[0]
             limit = float(least_seen * candidate.plausible.max() / each.s[seen].min()) / si, name.rsplit("_", 1)[-1]
             limits[place] = max(limit, limits.get(place, limit))
@@ -301,7 +301,7 @@ def _late(comparison: Comparison, latency_s: float, sigma_s: float, p_value: flo
 
 
 def _agree(observed: Observed) -> None:
-    """Raise DataError where an axis turns the other way than it says, or gravity is far from where the said angles have it."""
+    """Raise DataError where an axis turns the other way than it reports, or gravity is far from where the reported angles have it."""
     comparison = Comparison(observed)
     zero = observed.rate.mean(axis=0)
     blocks = np.where(observed.inside[..., None], observed.rates - zero, 0.0) * observed.block_s[:, None, None]
@@ -310,16 +310,16 @@ def _agree(observed: Observed) -> None:
         own = observed.alone == number
         share = float(np.median(seen[own] / observed.turned[own, number])) if own.any() else 1.0
         if share < LEAST_SHARE:
-            what = "the other way than it says" if share < -LEAST_SHARE else "about another direction than described"
+            what = "the other way than it reports" if share < -LEAST_SHARE else "about another direction than described"
             raise DataError(
-                f"axis {axis.name} turns {what}: the gyroscope reads {share:.2f} of the said angles about it, expected 1; put the "
+                f"axis {axis.name} turns {what}: the gyroscope reads {share:.2f} of the reported angles about it, expected 1; put the "
                 f"direction of the axis, or the mounting, right in table.toml"
             )
     down = -observed.force / np.linalg.norm(observed.force, axis=1)[:, None]
     apart = np.arccos(np.clip(np.sum(down * comparison.down, axis=1), -1, 1))
     if apart.max() > FARTHEST_RAD:
         raise DataError(
-            f"gravity is up to {apart.max() / DEG:.0f} deg from where the said angles have it (rest {int(apart.argmax())}), expected "
+            f"gravity is up to {apart.max() / DEG:.0f} deg from where the reported angles have it (rest {int(apart.argmax())}), expected "
             f"within {FARTHEST_RAD / DEG:.0f} deg, too large for this method; are axes, zeros and mounting of table.toml right, and did no "
             f"motor lose its steps?"
         )
@@ -336,7 +336,7 @@ def _fitted(observed: Observed, named: list[Candidate], before: _Fit | None) -> 
     noise = None if before is None else before.noise
     states = len(state)
     best: _Fit | None = None
-    exact = 3 * (len(observed.said) + len(observed.first))  # rows of force and rotation
+    exact = 3 * (len(observed.reported) + len(observed.first))  # rows of force and rotation
     step = 0
     while True:
         errors = TableErrors.none(observed.table)
@@ -384,7 +384,7 @@ def _odd_inside(fit: _Fit) -> np.ndarray:
     rows = fit.look.left[fit.model.outer : len(fit.r)] ** 2
     usual = np.array([rows[end - count : end].mean() if count else np.nan for end, count in zip(ends, counts, strict=True)])
     odd = np.zeros(len(counts), dtype=bool)
-    for axis in range(seen.said.shape[1]):
+    for axis in range(seen.reported.shape[1]):
         own = (seen.alone == axis) & (counts > 0)
         if own.any():
             far = own & (np.nan_to_num(usual) > ODD * np.median(usual[own]))

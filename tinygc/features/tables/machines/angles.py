@@ -1,4 +1,5 @@
-"""``table.csv``: what a machine said of its angles during a recording, and when (docs/formats/tables.md); and ``attitudes.csv`` from it.
+"""``table.csv``: what a machine reported of its angles during a recording, and when (docs/formats/tables.md); and ``attitudes.csv`` from
+it.
 
     log,t_us,table_s,moving,<axis>_deg,...
 
@@ -162,17 +163,17 @@ class AngleFile:
 
 
 def write_attitudes(folder: Path) -> int:
-    """Write ``attitudes.csv``, a row for each still that the machine's angles tell the attitude of; returns how many there are.
+    """Write ``attitudes.csv``, a row for each still that the machine's angles give the attitude of; returns how many there are.
 
     Stills are counted as the core does, over all logs.  Raises the errors of reading the folder.
     """
     table = read_description(folder / TABLE)
-    said = read_angles(folder / NAME, table)
+    reported = read_angles(folder / NAME, table)
     session, _ = with_own_accelerometer(read_session(folder))
     known, rows = SessionStills(session), []
     spread = np.array([SIGMAS * axis.sigma_rad + axis.backlash_rad for axis in table.axes])
     for log in session.logs:
-        of_log = said.get(log.path.name.removesuffix(".gz"))
+        of_log = reported.get(log.path.name.removesuffix(".gz"))
         for still in known.of(log).stills:
             at = None if of_log is None else _angles_in(of_log, log.samples, still.start, still.stop, spread)
             rows.append(np.full(3, np.nan) if at is None else roll_pitch_yaw(attitudes(table, at[None]))[0])
@@ -187,9 +188,9 @@ def write_attitudes(folder: Path) -> int:
     return int(np.isfinite(found).all(axis=1).sum())
 
 
-def _angles_in(said: AngleLog, samples: Samples, start: int, stop: int, spread: np.ndarray) -> np.ndarray | None:
+def _angles_in(reported: AngleLog, samples: Samples, start: int, stop: int, spread: np.ndarray) -> np.ndarray | None:
     """(K,) median of the answers at rest within a still; None where there are none, or where they differ."""
     late_ns = LATE_S / NS
-    within = (said.t_ns >= samples.t_ns[start] + late_ns) & (said.t_ns <= samples.t_ns[stop - 1] - late_ns)
-    among = said.angles[within & ~said.moving]  # a verb counts as motion a moment before the stage moves
+    within = (reported.t_ns >= samples.t_ns[start] + late_ns) & (reported.t_ns <= samples.t_ns[stop - 1] - late_ns)
+    among = reported.angles[within & ~reported.moving]  # a verb counts as motion a moment before the stage moves
     return None if not len(among) or (np.ptp(among, axis=0) > spread).any() else np.median(among, axis=0)

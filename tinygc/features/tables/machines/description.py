@@ -39,7 +39,7 @@ AGAIN = "correct the file (docs/formats/tables.md)"
 class Settings(Shape):
     """Numbers, texts and flags by name; of the numbers that every make has (``number``) none is 0 where that means nothing."""
 
-    #: settings of every make, and what they are where neither its file nor table.toml says otherwise
+    #: settings of every make, and what they are where neither its file nor table.toml states otherwise
     usual: ClassVar[Mapping[str, float | str | bool]] = {
         "per_deg": 1.0,  # units of an angle, in requests and answers, per degree
         "rate_per_dps": 1.0,  # units of a rate per degree per second
@@ -49,7 +49,7 @@ class Settings(Shape):
         "answer_s": 2.0,  # the longest that it takes to answer
         "home_s": 180.0,  # the longest that homing takes
         "rest_dps": 0.01,  # a {rate} below it is rest
-        "same_s": 0.4,  # angles that stay for so long are rest, where nothing else says so
+        "same_s": 0.4,  # angles that stay for so long are rest, where nothing else decides it
         "clock_per_s": 1.0,  # units of a {clock} per second
         "latency_s": 0.0,  # by which the angles in table.csv are late; nothing is sent differently
         "visa": "",  # PyVISA's library, as @py
@@ -82,7 +82,7 @@ class Axis:
 
     name; direction (3,), table frame, at angles of zero, which is made a unit vector; least_rad, most_rad: its limits, infinite where it
     turns without end; fastest_rps and acceleration_rps2: what it can do; sigma_rad: the declared accuracy of its angle, one sigma;
-    backlash_rad: the declared play; word: what the machine calls it (``X``, ``1``), its name where nothing else is said.
+    backlash_rad: the declared play; word: what the machine calls it (``X``, ``1``), its name without one.
     """
 
     name: str
@@ -212,12 +212,12 @@ def roll_pitch_yaw(R: np.ndarray) -> np.ndarray:
     return np.stack([roll, pitch, yaw], axis=1)
 
 
-# What a real table does besides: errors that do not change within a rest.
+# What a real table does as well: errors that do not change within a rest.
 #
 #     R_tb = Rot(tilt) prod_k Rot(wobble_k(alpha)) Rot(a_k + skew_k, alpha_k + lost_k) M
 #
-# tilt: the base against the vertical; lost: what the angle is beside its word, such as steps that the motor has lost; skew_k: an axis is
-# not where it should be (its component along a_k says nothing); wobble_k(alpha) = w1 cos alpha e1 + w2 sin alpha e2 + w3 cos alpha e2 +
+# tilt: the base against the vertical; lost: the angle less the reported one, such as steps that the motor has lost; skew_k: an axis is
+# not where it should be (its component along a_k shows nothing); wobble_k(alpha) = w1 cos alpha e1 + w2 sin alpha e2 + w3 cos alpha e2 +
 # w4 sin alpha e1, e1 and e2 normal to a_k.
 
 
@@ -243,11 +243,11 @@ class TableErrors:
         return cls(tuple(AxisErrors() for _ in table.axes))
 
 
-def true_attitudes(table: Description, errors: TableErrors, said: np.ndarray) -> np.ndarray:
-    """``R_tb`` (N, 3, 3) with all errors, of angles said (N, K) rad."""
-    product = np.broadcast_to(matrix(exp(errors.tilt)), (len(said), 3, 3))
+def true_attitudes(table: Description, errors: TableErrors, reported: np.ndarray) -> np.ndarray:
+    """``R_tb`` (N, 3, 3) with all errors, of reported angles (N, K) rad."""
+    product = np.broadcast_to(matrix(exp(errors.tilt)), (len(reported), 3, 3))
     for k, (axis, of) in enumerate(zip(table.axes, errors.axes, strict=True)):
-        alpha, (e1, e2) = said[:, k], normals(axis.direction)
+        alpha, (e1, e2) = reported[:, k], normals(axis.direction)
         cos, sin = np.cos(alpha)[:, None], np.sin(alpha)[:, None]
         w1, w2, w3, w4 = of.wobble
         wobble = (w1 * cos + w4 * sin) * e1 + (w2 * sin + w3 * cos) * e2

@@ -1,7 +1,7 @@
 """A table of a make that is data: requests, answers, and all that a line does to them, behind the five verbs.
 
 A request is sent whole, then its acknowledgement is awaited; what else comes meanwhile is looked at: an alarm, a restart, an error.  Bytes
-that are left from earlier answers (late, doubled) are thrown away before a request.  ``stop`` waits for nobody: it writes at once, from any
+that are left from earlier answers (late, doubled) are thrown away before a request.  ``stop`` waits for no one: it writes at once, from any
 thread, and a motion whose requests are half sent ends there.
 """
 
@@ -47,7 +47,7 @@ class Dialogue(Table):
         self._stopping: Step | None = None  # what of a stop was written, while it goes on
         self._unread_motion = False  # whether a motion was sent that is not acknowledged yet: it may not even be read
         self._awaited_home: float | None = None  # when homing counts as failed, where its acknowledgements come at its end
-        self._owed = 0  # of these
+        self._due = 0  # of these
         self._alarm, self._restarted, self._only_looks = "", False, False
         self._begun = not make.requests.begin
         self._answered, self._unread = "", ""  # the last lines that were an answer, and none
@@ -78,7 +78,7 @@ class Dialogue(Table):
             raise TableLimit(f"{self.description.name}: {what} would be sent as 0, expected {least:.3g} dps or more; nothing was moved")
 
     def require_travel(self) -> None:
-        """TableLimit where the controller's own settings do not fit the description; TableFault where it does not say them."""
+        """TableLimit where the controller's own settings do not fit the description; TableFault where it does not report them."""
         if (controller := self.make.controller) is None:
             return
         for step in controller.ask:
@@ -92,7 +92,7 @@ class Dialogue(Table):
                     if found["code"].isdigit():
                         values[int(found["code"])] = float(found["count"])
             if found is None:
-                raise TableFault(self._complaint("does not say its settings", step, step.answers))
+                raise TableFault(self._complaint("does not report its settings", step, step.answers))
             require_travel(self.description, self.make, controller, values)
 
     # The five verbs.
@@ -105,8 +105,8 @@ class Dialogue(Table):
             self._forget_restart()
             self._refuse_alarm()
             count = len(self.description.axes)
-            if owed := sum(len(step.axes(count)) for step in self.make.requests.home if step.later):
-                self._awaited_home, self._owed = self._clock.now_s() + self._settings["home_s"], owed
+            if due := sum(len(step.axes(count)) for step in self.make.requests.home if step.later):
+                self._awaited_home, self._due = self._clock.now_s() + self._settings["home_s"], due
             self._motion(self.make.requests.home)
 
     def turn_to(self, axis: int, angle_rad: float, rate_rps: float) -> None:
@@ -129,10 +129,12 @@ class Dialogue(Table):
                     return found
                 if number + 1 < TRIES:
                     self._clock.sleep(0.05)
-            raise TableFault(self._complaint("does not say where it is", self.make.requests.where[0], self.make.requests.where[0].answers))
+            raise TableFault(
+                self._complaint("does not report where it is", self.make.requests.where[0], self.make.requests.where[0].answers)
+            )
 
     def look(self) -> np.ndarray:
-        """Angles (K,) rad, whatever else it reports: to see whether it rests after a fault.  TableFault where it says none."""
+        """Angles (K,) rad, whatever else it reports: to see whether it rests after a fault.  TableFault where it reports none."""
         with self._exchange:
             self._only_looks = True
             try:
@@ -141,7 +143,7 @@ class Dialogue(Table):
                         return found.angles
             finally:
                 self._only_looks = False
-        raise TableFault(f"{self.description.name}: does not say where it is")
+        raise TableFault(f"{self.description.name}: does not report where it is")
 
     def stop(self) -> None:
         """Bring all axes to rest.  Called again before another motion, it asks harder, where the make has a harder way.
@@ -242,7 +244,7 @@ class Dialogue(Table):
         self._link.close()
 
     def clear(self) -> None:
-        """Clear an alarm, where a program can: only when a person has said so.  TableFault where it stays."""
+        """Clear an alarm, where a program can: only when a person has confirmed it.  TableFault where it stays."""
         if not self.make.requests.clear:
             raise TableFault(f"{self.description.name}: an alarm of a {self.make.name} is cleared at the machine, not from here")
         with self._exchange:
@@ -290,11 +292,11 @@ class Dialogue(Table):
             self._require_accepted()
 
     def _require_accepted(self) -> None:
-        """TableFault where the make keeps errors until it is asked, and has one."""
+        """TableFault where the make keeps errors until it is queried, and has one."""
         for ask in self.make.errors.ask[:1]:
-            found = next((found for _ in range(TRIES) if (found := self._ask(ask, 0))), None)
+            found = next((found for _ in range(TRIES) if (found := self._request(ask, 0))), None)
             if found is None:
-                raise TableFault(self._complaint("does not say whether it takes the request", ask, ask.answers))
+                raise TableFault(self._complaint("does not report whether it takes the request", ask, ask.answers))
             if (code := found["code"]) not in self.make.errors.none:
                 words = {**self.make.alarms.words, **self.make.refused.words}.get(code, UNKNOWN)
                 raise TableFault(f"{self.description.name}: it refuses with {code} ({words}); nothing more was sent")
@@ -333,11 +335,11 @@ class Dialogue(Table):
         *lines, self._buffer = text.split(b"\n")
         self._buffer = self._buffer[-LONGEST_BUFFER:]
         for line in lines:
-            if said := line.decode("latin-1").strip()[:LONGEST_LINE]:
-                self._lines.append(said)
+            if reported := line.decode("latin-1").strip()[:LONGEST_LINE]:
+                self._lines.append(reported)
 
     def _drain(self) -> None:
-        """Throw away what is left of earlier answers, except what says that something is wrong."""
+        """Throw away what is left of earlier answers, except what states that something is wrong."""
         self._receive(0.0)
         for line in self._lines:
             self._notice(line)
@@ -345,7 +347,7 @@ class Dialogue(Table):
         self._refuse_alarm()
 
     def _notice(self, line: str) -> None:
-        """What a line says by itself: an alarm, a restart, the end of homing."""
+        """What a line means by itself: an alarm, a restart, the end of homing."""
         make, name = self.make, self.description.name
         greets = matched(make.line.greeting, line) is not None
         if greets or make.alarms.meaning(line) is not None:
@@ -353,7 +355,7 @@ class Dialogue(Table):
         if self._stopping is not None and matched(self._stopping.answers, line) is not None:
             return  # which another thread's question has come across
         if (meaning := make.alarms.meaning(line)) is not None:
-            self._alarm = f"{name}: the table says {line!r}: {meaning or 'it has stopped'}; see why, then `table clear` or `table home`"
+            self._alarm = f"{name}: the table reports {line!r}: {meaning or 'it has stopped'}; see why, then `table clear` or `table home`"
         elif greets:
             if self._alarm and not self._restarted:  # a restart does not end an emergency stop
                 return
@@ -365,8 +367,8 @@ class Dialogue(Table):
                 self._awaited_home = None
                 self._alarm = f"{name}: homing was refused with {line!r} ({meaning})"
             elif matched(make.line.done, line) is not None:
-                self._owed -= 1
-                self._awaited_home = self._awaited_home if self._owed else None
+                self._due -= 1
+                self._awaited_home = self._awaited_home if self._due else None
 
     def _forget_restart(self) -> None:
         """Before homing: nothing but its angles is lost."""
@@ -416,7 +418,7 @@ class Dialogue(Table):
             f"{self.description.name}: it {what}: sent {sent or step.send or step.raw!r}, {heard}, expected {expected} {settings}{silent}"
         )
 
-    def _ask(self, step: Step, axis: int) -> dict[str, str]:
+    def _request(self, step: Step, axis: int) -> dict[str, str]:
         """A query's fields; empty where its answer cannot be read."""
         self._drain()
         with self._writing:
@@ -447,7 +449,7 @@ class Dialogue(Table):
             once = None
             for axis, of in enumerate(axes):
                 if step.each or once is None:
-                    once = self._ask(step, axis)
+                    once = self._request(step, axis)
                     answered = self._answered
                 elif any("word" in pattern.fields for pattern in step.answers):
                     once = matched(step.answers, answered, of.word)
@@ -457,7 +459,7 @@ class Dialogue(Table):
                     values = once["angles"].split(",")
                     place = make.states.order.index(of.word) if make.states.order else axis
                     if place >= len(values):
-                        raise TableFault(f"{self.description.name}: it says {len(values)} angles, and no {of.word}; {AGAIN}")
+                        raise TableFault(f"{self.description.name}: it reports {len(values)} angles, and no {of.word}; {AGAIN}")
                     once = once | {"angle": values[place]}
                 for name, unit in (("count", "count_per_deg"), ("angle", "per_deg")):
                     if name in once:
@@ -491,7 +493,7 @@ class Dialogue(Table):
         return state not in make.states.rest if state in (*make.states.moving, *make.states.rest, *make.states.faults) else None
 
     def _is_changing(self, now_s: float, angles: np.ndarray) -> bool:
-        """Where nothing else says it: whether angles have stayed for ``same_s``."""
+        """Where nothing else decides it: whether angles have stayed for ``same_s``."""
         counts = any("count" in pattern.fields for step in self.make.requests.where for pattern in step.answers)
         resolution = DEG * max(1.5 / abs(self._settings["count_per_deg"]) if counts else 0.0, RESOLUTION_DEG)
         if self._before is None or np.abs(angles - self._before[1]).max() > resolution:

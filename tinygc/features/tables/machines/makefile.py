@@ -1,6 +1,6 @@
 """A make as data: ``makes/<name>.toml``, or a file of one's own (docs/formats/tables.md).
 
-Patterns are no regular expressions but texts with fields, so that no file can make its reader wait, and nobody need know the syntax:
+Patterns are no regular expressions but texts with fields, so that no file can make its reader wait, and no one needs to know the syntax:
 
     <{state}|MPos:{angles}|*>      a state, angles with commas between, and anything behind them
 
@@ -39,7 +39,7 @@ FIELDS = {
     **dict.fromkeys(("state", "code", "fault"), r"[-+A-Za-z0-9_:.]{1,40}"),
     "word": r"[A-Za-z0-9_]{1,20}",
 }
-#: what a request may hold in braces, besides the make's settings
+#: what a request may hold in braces, next to the make's settings
 VALUES = ("word", "axis", "angle", "rate", "signed_rate")
 
 
@@ -178,13 +178,13 @@ class States:
 
 @dataclass(frozen=True)
 class Messages:
-    """Lines that say that something is wrong, and what each code means."""
+    """Lines that state that something is wrong, and what each code means."""
 
     patterns: Annotated[Patterns, Key("lines")] = ()
     words: Words = field(default_factory=dict)
 
     def meaning(self, line: str) -> str | None:
-        """What a line says; None where it says nothing of the kind."""
+        """What a line means; None where it shows nothing of the kind."""
         if (found := matched(self.patterns, line)) is None:
             return None
         code = found.get("code", "")

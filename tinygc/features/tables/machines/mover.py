@@ -1,7 +1,7 @@
 """A table in the place of the operator: it makes the turn that the coach requests, leads the closure run, and is compared with the sensor.
 
-The guide finds stills and turns in the samples, as of a hand's turns.  The machine's word only says when it has arrived.  What it says of
-its angles is held against gyroscope and gravity in each still.
+The guide finds stills and turns in the samples, as of a hand's turns.  The machine's word only shows when it has arrived.  What it reports
+of its angles is held against gyroscope and gravity in each still.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 EVERY_S = 0.05  #: between two questions: 20 Hz
 #: arrivals that the device's time is taken from, s; bytes are late by some ms and never early
 ARRIVALS_S = 20.0
-#: s of arrivals that say how fast the device's clock runs; steps to the line, which takes two or three
+#: s of arrivals that show how fast the device's clock runs; steps to the line, which takes two or three
 LEAST_SPAN_S, STEPS = 2.0, 10
 
 
@@ -100,9 +100,9 @@ class TableDriver:
         self._log, self._device = "", _DeviceTime()
         self._queue: deque[AxisMove] = deque()
         self._sent: AxisMove | None = None
-        self._rate: tuple[int, float] | None = None  # an axis that turns at a rate, or was told to stop
-        self._halted, self._asked_s = False, -EVERY_S
-        self._unasked_s: float | None = None  # since when it moves though nothing was asked of it
+        self._rate: tuple[int, float] | None = None  # an axis that turns at a rate, or was ordered to stop
+        self._halted, self._requested_s = False, -EVERY_S
+        self._uncommanded_s: float | None = None  # since when it moves though it got no command
         self._lock = threading.RLock()
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._run, name="table", daemon=True) if in_thread else None
@@ -135,7 +135,7 @@ class TableDriver:
         with self._lock:
             self._halted = False
             self._rate = axis, rate_rps
-            self._ask(lambda: self._tell(lambda: self.table.turn_at(axis, rate_rps)))
+            self._request(lambda: self._send(lambda: self.table.turn_at(axis, rate_rps)))
 
     def stop(self) -> None:
         """Bring all axes to rest at once, and forget all moves.  It may be called from any thread."""
@@ -158,12 +158,12 @@ class TableDriver:
         with self._lock:
             if self.fault:
                 return
-            self._ask(self._round)
+            self._request(self._round)
 
     def tick_if_alone(self) -> None:
         """The round of a driver without a thread."""
-        if self._thread is None and self.now_s() - self._asked_s >= EVERY_S:
-            self._asked_s = self.now_s()
+        if self._thread is None and self.now_s() - self._requested_s >= EVERY_S:
+            self._requested_s = self.now_s()
             self.tick()
 
     def close(self) -> None:
@@ -180,12 +180,12 @@ class TableDriver:
         while not self._ended.wait(EVERY_S):
             try:
                 self.tick()
-            except CalibrationError as error:  # a full disk: whoever leads the recording says it
+            except CalibrationError as error:  # a full disk: whoever leads the recording reports it
                 self.trouble = error
                 self.stop()
                 return
 
-    def _ask(self, verb: Callable[[], None]) -> None:
+    def _request(self, verb: Callable[[], None]) -> None:
         try:
             verb()
         except (TableFault, TableLimit) as error:
@@ -199,20 +199,20 @@ class TableDriver:
         self.fault = why if not unstopped or PRESS in why else f"{why}; {unstopped}"
 
     def _round(self) -> None:
-        asked_s = self.now_s()
+        requested_s = self.now_s()
         self.where = where = self.table.where()
-        t_s = self._device.at((asked_s + self.now_s()) / 2)  # at what time between the two it answered is not known
+        t_s = self._device.at((requested_s + self.now_s()) / 2)  # at what time between the two it answered is not known
         if t_s is not None:
             self._file.add(self._log, round(t_s * 1e6), where)
         if not (where.moving and self.table.is_at_rest):
-            self._unasked_s = None
-        elif self._unasked_s is None:
-            self._unasked_s = self.now_s()
-        elif self.now_s() - self._unasked_s > REST_S:
-            self._unasked_s = None
-            raise TableFault(f"{self.table.description.name}: it moves though nothing was asked of it; it was told to stop")
+            self._uncommanded_s = None
+        elif self._uncommanded_s is None:
+            self._uncommanded_s = self.now_s()
+        elif self.now_s() - self._uncommanded_s > REST_S:
+            self._uncommanded_s = None
+            raise TableFault(f"{self.table.description.name}: it moves without a command; it was ordered to stop")
         if self._rate is not None:
-            if not where.moving:  # it was told to stop, or its limit ended it
+            if not where.moving:  # it was ordered to stop, or its limit ended it
                 self._rate, self.done = None, self.done + 1
         elif self._sent is not None and not where.moving:
             self._sent, self.done = None, self.done + 1
@@ -223,9 +223,9 @@ class TableDriver:
             except IndexError:  # stopped meanwhile
                 self._sent = None
                 return
-            self._tell(lambda: self.table.turn_to(move.axis, move.angle_rad, move.rate_rps))
+            self._send(lambda: self.table.turn_to(move.axis, move.angle_rad, move.rate_rps))
 
-    def _tell(self, verb: Callable[[], None]) -> None:
+    def _send(self, verb: Callable[[], None]) -> None:
         """A verb that moves; a stop that comes meanwhile is the last word."""
         if not self._halted:
             verb()
@@ -239,8 +239,8 @@ class TableDriver:
 #     force of a still:  u = F p,  p = -R_tb(angles)^T e_z       F: the mounting's error, from the stills before (Kabsch)
 #     turn:              the gyroscope's angles about the body's axes, against Log(R_tb(before)^T R_tb(after))
 #
-# The gyroscope is not calibrated yet and the mounting is known to a degree or so.  So small errors of either cannot be told here; those are
-# for ``explain``.  What is told is a machine that does not do what it says.
+# The gyroscope is not calibrated yet and the mounting is known to a degree or so.  So small errors of either cannot be found here; those
+# are for ``explain``.  What is found is a machine that does not do what it reports.
 
 #: one sigma of what a gyroscope reads of a turn before it is calibrated, of its angle
 SCALE_SIGMA = 0.02
@@ -271,7 +271,7 @@ class WordAgainstSensor:
         self._stills, self._before = [], None
 
     def still(self, angles: np.ndarray, accel: np.ndarray, turned: np.ndarray | None, raw: bool = False) -> list[str]:
-        """Compare a still: angles (K,) rad that the machine says, accel (3,) measured; turned (3,) rad that the gyroscope saw on the way
+        """Compare a still: angles (K,) rad that the machine reports, accel (3,) measured; turned (3,) rad that the gyroscope saw on the way
         from the still before, None where it was not followed; raw: whether the accelerometer is not calibrated."""
         attitude = attitudes(self._table, angles[None])[0]
         up, measured = -attitude[2], accel / np.linalg.norm(accel)
@@ -305,12 +305,12 @@ class WordAgainstSensor:
     def _of_turn(self, before: np.ndarray, after: np.ndarray, turned: np.ndarray) -> str:
         changes = np.abs(after - before)
         moved = np.flatnonzero(changes > LEAST_RAD)
-        seen, says = float(np.linalg.norm(turned)), float(changes.sum())
+        seen, reported_rad = float(np.linalg.norm(turned)), float(changes.sum())
         if not len(moved):
-            return "" if seen < LEAST_RAD else f"the gyroscope turned by {seen / DEG:.0f} deg, and the machine says that it rested"
+            return "" if seen < LEAST_RAD else f"the gyroscope turned by {seen / DEG:.0f} deg, and the machine reports that it rested"
         names = " and ".join(self._table.axes[k].name for k in moved)
         if seen < STALLED * float(changes.max()):
-            far = f"the machine says {says / DEG:.0f} deg, the gyroscope saw {seen / DEG:.1f}"
+            far = f"the machine reports {reported_rad / DEG:.0f} deg, the gyroscope saw {seen / DEG:.1f}"
             return f"{names}: {far}: it is stalled, or its coupling slips"
         if len(moved) > 1:  # the sum of two turns is compared by the attitude alone
             return ""
@@ -324,11 +324,11 @@ class WordAgainstSensor:
         of = self._table.axes[axis]
         sigma = float(np.sqrt((SCALE_SIGMA * change) ** 2 + of.sigma_rad**2 * 2 + of.backlash_rad**2))
         if abs(seen - abs(change)) > SIGMAS * sigma:
-            return f"{names}: the machine says {abs(change) / DEG:.1f} deg, the gyroscope saw {seen / DEG:.1f}: lost steps?"
+            return f"{names}: the machine reports {abs(change) / DEG:.1f} deg, the gyroscope saw {seen / DEG:.1f}: lost steps?"
         return ""
 
 
-#: without samples while the table moves, s: nobody sees what it does
+#: without samples while the table moves, s: no one sees what it does
 BLIND_S = 2.0
 #: contradictions in a row that pause the recording
 MOST_CONTRADICTIONS = 3
@@ -345,7 +345,7 @@ PUT_RIGHT = (
 
 
 class MachineMover:
-    """What the movers of a recording (``session.bench.guide.Mover``) share: faults, pauses, and what is said of them."""
+    """What the movers of a recording (``session.bench.guide.Mover``) share: faults, pauses, and what is reported of them."""
 
     def __init__(self, driver: TableDriver):
         self.driver = driver
@@ -391,7 +391,7 @@ class MachineMover:
         """A pause has ended."""
 
     def _is_blind(self, moment: Moment | None) -> bool:
-        """Whether nobody sees what the table does."""
+        """Whether no one sees what the table does."""
         return moment is not None and self.driver.now_s() - moment.host_ns * NS > BLIND_S
 
     def _halt(self, why: str) -> None:
@@ -481,9 +481,9 @@ class TableMover(MachineMover):
             if self._made_s is not None and not self._waited(NO_TURN_S):
                 return  # its still has yet to come
             if self._made_s is not None:
-                # The machine says that it has turned, and no turn was seen
+                # The machine reports that it has turned, and no turn was seen
                 self._contradictions += 1
-                self._say("the machine says that it has turned, and the gyroscope saw nothing: it is stalled, or its coupling slips")
+                self._say("the machine reports that it has turned, and the gyroscope saw nothing: it is stalled, or its coupling slips")
                 if self._contradictions >= MOST_CONTRADICTIONS:
                     self._halt(f"{self._contradictions} moves in a row were not seen by the sensor")
             elif advice is None and (coaching or (guide.coached and guide.awaits_advice)):

@@ -3,12 +3,12 @@ nothing more; before a plan is confirmed, that the controller's own settings all
 
 A make's file is a text of whoever wrote it, in a language that only the machine knows.  Proven is what needs no knowledge of it:
 
-- ``turn_to`` holds the plan's angle once, its rate at most once, its axis, and no other number but words of G-code that say how numbers
-  are meant (``MODAL``); nothing stands beside a number that would make another of it, nor what controllers take for a comment,
+- ``turn_to`` holds the plan's angle once, its rate at most once, its axis, and no other number but words of G-code that set how numbers
+  are meant (``MODAL``); nothing stands next to a number that would make another of it, nor what controllers take for a comment,
   an expression or the end of a line, nor a sign or a point before it, behind blanks.  It repeats no request of ``home``.  ``turn_at``
   likewise, with its rate and its sign.  In G-code the rate has the angle's unit.
 - No other request is given an angle or a rate, nor is any of them the make's own turn with numbers in it, or an axis and a number.
-- A question has an answer that says something.  A request is one line.
+- A question has an answer with a content.  A request is one line.
 
 The rest (what a word moves, how large a unit is) is shown by ``table check`` (``example``), and a person confirms it.
 """
@@ -37,7 +37,7 @@ ENDS = ("\n", "\r", "\r\n", "\n\r", "\0", ";")
 LITERAL = re.compile(r"[A-Za-z0-9 $=:,._@&-]*")
 WORD = re.compile(r"[A-Za-z0-9$=:,._@&-]+")
 SIGNS = "$ = : , . _ @ & -"
-#: what is filled in to see which numbers a turn holds: whole, so that a digit, a point or a sign beside them makes others of them
+#: what is filled in to see which numbers a turn holds: whole, so that a digit, a point or a sign next to them makes others of them
 PROBE = {"angle": "7301", "rate": "6007", "signed_rate": "6011"}
 AXIS = "83"
 NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:E[-+]?\d+)?", re.IGNORECASE)
@@ -50,7 +50,7 @@ HOMES, ZERO_THERE = 1, 8
 def fitted(table: Description, make: Make) -> Make:
     """The make with the table's settings.
 
-    FormatError for settings or axes that it does not have, and for requests that may do more than the plan says.
+    FormatError for settings or axes that it does not have, and for requests that may do more than is in the plan.
     """
     if unknown := [name for name in table.settings if name not in make.settings]:
         has = f"this make has no such setting; it has {', '.join(make.settings)}"
@@ -72,14 +72,14 @@ def fitted(table: Description, make: Make) -> Make:
     for name, steps, numbers in (("turn_to", of.turn_to, {"angle": 1, "rate": 1}), ("turn_at", of.turn_at, {"signed_rate": 1})):
         for word in words if steps else ():
             if why := _more_than_the_plan(steps, numbers, word, make.most_axes > 1):
-                raise FormatError(f"{make.name}: {name} {why}; a turn says the plan's axis, angle and rate, and nothing else; {AGAIN}")
+                raise FormatError(f"{make.name}: {name} {why}; a turn holds the plan's axis, angle and rate, and nothing else; {AGAIN}")
         if same := [step.send for step in steps if _bare(step.send) in homes]:
             raise FormatError(f"{make.name}: {name} has the request {same[0][:60]!r}, which home has: it may search marks; {AGAIN}")
         per_deg, rate = (abs(float(settings[key])) for key in ("per_deg", "rate_per_dps"))
         in_minutes = math.isclose(rate, 60 * per_deg, rel_tol=1e-6) and any("F{rate}" in step.send for step in steps)
         if any(MODAL.search(step.send) for step in steps) and not in_minutes:
-            said = f"settings.rate_per_dps is {rate:g}, and G-code wants F{{rate}} per minute in the unit of the angle, {60 * per_deg:g}"
-            raise FormatError(f"{make.name}: {said}; {AGAIN}")
+            reported = f"settings.rate_per_dps is {rate:g}, and G-code takes F{{rate}} per minute in the angle's unit, {60 * per_deg:g}"
+            raise FormatError(f"{make.name}: {reported}; {AGAIN}")
     turns = [turn.send for turn in (*of.turn_to, *of.turn_at) if {"angle", "signed_rate"} & set(PLACE.findall(turn.send))]
     begins = [(" *+".join(map(re.escape, head)), ".*") for turn in turns if (head := _head(turn))]
     begins += [(word.upper(), " *+=?+ *+[-+]?+ *+[0.]*+") for word in {*words, *order} if word.isalpha()]
@@ -132,10 +132,10 @@ def _may_move(name: str, step: Step, text: str, begins: Iterable[tuple[str, str]
         return "has more than one line, or a character that is to be raw, in"
     if name in ("where", "controller", "ask") and not (step.answers and all(PLACE.search(pattern.text) for pattern in step.answers)):
         return "has no answer with a field, so that it is no question, in"
-    said = MODAL.sub("", text + step.raw).upper()
+    reported = MODAL.sub("", text + step.raw).upper()
     if name not in ("home", "stop"):  # which may go to zero, or at a rate of zero
-        said = said.replace("0", "1")
-    if any(re.search(rf"(?<![A-Z]){word}{before}[1-9]", said, re.DOTALL) for word, before in begins):
+        reported = reported.replace("0", "1")
+    if any(re.search(rf"(?<![A-Z]){word}{before}[1-9]", reported, re.DOTALL) for word, before in begins):
         return "has a turn, which turn_to and turn_at alone may be,"
     return ""
 
@@ -160,8 +160,8 @@ def _head(turn: str) -> str:
 def require_travel(table: Description, make: Make, number: Controller, values: Mapping[int, float]) -> None:
     """TableLimit where the controller counts in inches, or an axis may turn beyond its travel; number: of each setting; values: by these.
 
-    A GRBL that homes ($22) has all its travel ($130 and on) below 0: its switch is at 0, or at the other end where $23 says so, and behind
-    homing it rests by $27 beside it.  A turn to the other side of 0 drives through the switch: an alarm with $21, nothing at all without.
+    A GRBL that homes ($22) has all its travel ($130 and on) below 0: its switch is at 0, or at the other end with $23, and behind
+    homing it rests by $27 next to it.  A turn to the other side of 0 drives through the switch: an alarm with $21, nothing at all without.
     """
     if values.get(number.inches):
         raise TableLimit(f"{table.name}: its controller has angles in inches: set ${number.inches} to 0; nothing was moved")

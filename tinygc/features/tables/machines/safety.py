@@ -3,8 +3,8 @@
 - Nothing moves that no person has confirmed: the plan of all moves is shown before the first.
 - Limits are checked before each move.  A turn at a rate is confirmed with its longest time.  Where the axis has limits or the machine has
   no rate mode it is sent as a turn to an angle: the machine brakes there by itself, whatever becomes of this program.
-- A controller that has restarted has lost its angles, and its limits mean nothing: it is homed, or a person says that it stands at zero.
-- Each answer is compared with what can be: an angle beyond the limits, a wrong sense or rate, a motion that does not end, that ends
+- A controller that has restarted has lost its angles, and its limits mean nothing: it is homed, or a person confirms that it stands at
+zero. - Each answer is compared with what can be: an angle beyond the limits, a wrong sense or rate, a motion that does not end, that ends
   elsewhere, and silence stop the table.
 - Ctrl-C, Ctrl-Z, SIGTERM, an exception and the end of the program stop it, and it is looked whether it rests.
 - A reported alarm is never cleared from here.
@@ -40,13 +40,13 @@ T = TypeVar("T")
 A = TypeVar("A", np.ndarray, None)
 #: s that a machine may take from the acknowledgement of a move to its begin
 START_S = 0.3
-#: a motion may take so many times as long as computed, and so many s besides
+#: a motion may take so many times as long as computed, and so many s more
 SLOWER, LATER_S = 1.5, 5.0
 #: s that homing may take
 HOME_S = 300.0
-#: rad beyond its declared accuracy and play that a move may end beside its angle, and a limit be passed
-BESIDE_RAD = 0.2 * DEG
-#: of two answers, how much faster than the axis they may say that it turned, and rad besides
+#: rad beyond its declared accuracy and play that a move may end off its angle, and a limit be passed
+TOLERANCE_RAD = 0.2 * DEG
+#: of two answers, how much faster than the axis they may claim that it turned, and rad on top
 FASTER, JUMP_RAD = 1.3, 2 * DEG
 #: s between two looks whether it rests, rad that it may turn between them, and s after which it should rest beyond its braking time
 LOOK_S, RESTS_RAD, REST_S = 0.15, 0.02 * DEG, 2.0
@@ -56,7 +56,7 @@ HUNG_S = 15.0
 
 @dataclass(frozen=True)
 class Move:
-    """A move that a person is asked for: one axis, between which angles it may go and how fast; axis None: homing; longest_s above 0: it
+    """A move that a person confirms: one axis, between which angles it may go and how fast; axis None: homing; longest_s above 0: it
     turns at a rate (either sense) until it is stopped, for at most so long."""
 
     axis: int | None
@@ -115,7 +115,7 @@ def plan_lines(table: Description, moves: Sequence[Move], notes: Sequence[str] =
 
 
 def ask_person(question: str, unconfirmed: str) -> bool:
-    """Ask whoever is at the terminal; True.  CalibrationError, which begins with ``unconfirmed``, where nobody is, or the answer is no."""
+    """Ask whoever is at the terminal; True.  CalibrationError, which begins with ``unconfirmed``, where no one is, or the answer is no."""
     if sys.stdin is None or not sys.stdin.isatty():
         raise CalibrationError(f"{unconfirmed}: standard input is no terminal; --yes where you know the table")
     print(f"{printable(question)} ", end="", file=sys.stderr, flush=True)
@@ -126,7 +126,7 @@ def ask_person(question: str, unconfirmed: str) -> bool:
 
 @dataclass
 class _Motion:
-    """What was asked for last; at rest nothing is.
+    """What was requested last; at rest nothing is.
 
     computed_s: how long it takes; start (K,) rad: where all axes rested before; target: axis and angle; way: axis and rate, with its sign;
     origin: time and angle that it turns from at that rate; turns_by_s: s by which it surely turns, of a turn at a rate without an end;
@@ -155,7 +155,7 @@ class Guarded:
         self.description = table.description
         self._table, self._clock = table, clock or Clock()
         self._allowed: list[Move] = []
-        self._rest = threading.Event()  # whether nothing was asked to move since it was seen at rest
+        self._rest = threading.Event()  # whether nothing was requested to move since it was seen at rest
         self._rest.set()
         self._last: tuple[float, np.ndarray] | None = None
         self._motion = _Motion()
@@ -185,7 +185,7 @@ class Guarded:
                     except TableFault as fault:
                         if error[0] is None:
                             raise
-                        if not isinstance(error[1], TableFault):  # which says it already
+                        if not isinstance(error[1], TableFault):  # which states it already
                             print(fault, file=sys.stderr)
                 self.close()
         finally:
@@ -194,20 +194,20 @@ class Guarded:
 
     @property
     def is_at_rest(self) -> bool:
-        """Whether it was seen at rest, and nothing was asked to move since."""
+        """Whether it was seen at rest, and nothing was requested to move since."""
         return self._rest.is_set()
 
     @property
     def notes(self) -> list[str]:
-        """What belongs to a plan besides its moves: what is sent before the first, and what the make warns of."""
+        """What belongs to a plan in addition its moves: what is sent before the first, and what the make warns of."""
         begins = self._table.begins and f"before the first move it is sent: {self._table.begins}"
         return [*filter(None, (begins, self._table.warning))]
 
-    def confirm(self, moves: Sequence[Move], ask: Callable[[str], bool] | None, say: Told) -> None:
+    def confirm(self, moves: Sequence[Move], ask: Callable[[str], bool] | None, show: Told) -> None:
         """Show a plan, check it against the limits, and have it confirmed; ask None: somebody confirmed it already (``--yes``).
 
         Raises TableLimit for a plan beyond the limits, here or by the controller's own settings, for one of angles that are lost, and where
-        nobody confirms it.  It takes the place of an earlier plan.
+        no one confirms it.  It takes the place of an earlier plan.
         """
         if not any(move.axis is None for move in moves):
             self.require_angles()
@@ -219,38 +219,38 @@ class Guarded:
                         self.require_move(move.axis, angle, move.fastest_rps)
         self._table.require_travel()
         for line in plan_lines(self.description, moves, self.notes):
-            say(line)
+            show(line)
         if ask is not None and not ask("Move it?"):
             raise TableLimit(f"{self.description.name}: the plan was not confirmed; nothing was moved")
         self._allowed = list(moves)
 
     def stands_at_zero(self) -> None:
-        """A person says that every axis stands at its zero: a controller that restarted is right with its angles, or is set to zero."""
+        """A person confirms that every axis stands at its zero: a controller that restarted is right with its angles, or is set to zero."""
         self._table.set_zero()
         self._table.angles_lost = False
 
     def require_angles(self) -> None:
-        """TableLimit where the controller has restarted or says that it is not homed, and does not stand at zero."""
+        """TableLimit where the controller has restarted or states that it is not homed, and does not stand at zero."""
         if self._table.angles_lost:
             raise TableLimit(
                 f"{self.description.name}: its controller has restarted or is not homed, and its angles and limits mean nothing; home it "
-                "(--home), or turn every axis to its zero by hand and say so (--at-zero); nothing was moved"
+                "(--home), or turn every axis to its zero by hand and state so (--at-zero); nothing was moved"
             )
 
     def require_move(self, axis: int, angle_rad: float, rate_rps: float) -> None:
         """TableLimit for an angle beyond the limits of an axis, and as ``require_rate``."""
         of = self.description.axes[axis]
         if not of.allows(angle_rad):
-            asked = f"{of.name} to {angle_rad / DEG:g} deg, expected {of.limits}"
-            raise TableLimit(f"{self.description.name}: {asked}; nothing was moved")
+            requested = f"{of.name} to {angle_rad / DEG:g} deg, expected {of.limits}"
+            raise TableLimit(f"{self.description.name}: {requested}; nothing was moved")
         self.require_rate(axis, rate_rps)
 
     def require_rate(self, axis: int, rate_rps: float) -> None:
-        """TableLimit for a rate (either sign) that is not finite, zero, beyond what the axis can do, or that its make cannot say."""
+        """TableLimit for a rate (either sign) that is not finite, zero, beyond what the axis can do, or that its make cannot state."""
         of = self.description.axes[axis]
         if not 0 < abs(rate_rps) <= of.fastest_rps * (1 + 1e-9):
-            asked = f"{of.name} at {rate_rps / DEG:g} dps, expected up to {of.fastest_rps / DEG:g}"
-            raise TableLimit(f"{self.description.name}: {asked}; nothing was moved")
+            requested = f"{of.name} at {rate_rps / DEG:g} dps, expected up to {of.fastest_rps / DEG:g}"
+            raise TableLimit(f"{self.description.name}: {requested}; nothing was moved")
         self._table.require_rate(axis, rate_rps)
 
     # The five verbs.
@@ -300,9 +300,9 @@ class Guarded:
         self.require_angles()
         if not direct:
             if not np.isfinite(here := angles[axis]):
-                raise TableLimit(f"{self.description.name}: {of.name} does not say where it is: home it; nothing was moved")
+                raise TableLimit(f"{self.description.name}: {of.name} does not report where it is: home it; nothing was moved")
             limit = of.most_rad if rate_rps > 0 else of.least_rad
-            if (limit - here) * np.sign(rate_rps) < BESIDE_RAD:
+            if (limit - here) * np.sign(rate_rps) < TOLERANCE_RAD:
                 raise TableLimit(f"{self.description.name}: {of.name} is at its limit of {limit / DEG:g} deg; nothing was moved")
             end = float(np.clip(here + rate_rps * longest_s, of.least_rad, of.most_rad))
             return self._turn_to(axis, self._switch_on(angles), end, abs(rate_rps))
@@ -314,23 +314,25 @@ class Guarded:
 
     def where(self) -> Where:
         """Angles and state, compared with what can be."""
-        asked_s = self._clock.now_s()
+        requested_s = self._clock.now_s()
         found = self._guard(self._table.where)
         now_s = self._looked_s = self._clock.now_s()
         motion = self._motion
         if not self._rest.is_set() and not found.moving and now_s - motion.begin_s < (motion.turns_by_s or START_S):
             found = Where(found.angles, True, found.table_s)  # not begun yet, or between two senses
-        self._compare(asked_s, now_s, found)
+        self._compare(requested_s, now_s, found)
         if not found.moving and not self._rest.is_set():
             if motion.turns_by_s:
-                self._stop_for("it says that it rests, asked for was a turn at a rate")
+                self._stop_for("it reports that it rests, requested was a turn at a rate")
             found = self._guard(self._table.where)  # the angle may be older than the word that it rests
-            # It says that the motion has ended: is it where it should be?
+            # It states that the motion has ended: is it where it should be?
             if motion.target is not None:
-                number, asked = motion.target
-                axis, said = self.description.axes[number], found.angles[number]
-                if not abs(said - asked) <= BESIDE_RAD + 5 * axis.sigma_rad + axis.backlash_rad:  # it may begin late, and unwatched
-                    self._stop_for(f"{axis.name} says that it rests at {said / DEG:.2f} deg, asked for was {asked / DEG:.2f}")
+                number, requested = motion.target
+                axis, reported = self.description.axes[number], found.angles[number]
+                if (
+                    not abs(reported - requested) <= TOLERANCE_RAD + 5 * axis.sigma_rad + axis.backlash_rad
+                ):  # it may begin late, and unwatched
+                    self._stop_for(f"{axis.name} reports that it rests at {reported / DEG:.2f} deg, requested was {requested / DEG:.2f}")
             if motion.is_homing:
                 self._table.angles_lost, self._last = False, None
             self._rests()
@@ -360,14 +362,14 @@ class Guarded:
                 return
         failed = failed.removeprefix(f"{self.description.name}: ")
         why = failed if PRESS in failed else f"{failed}; {PRESS}" if failed else PRESS
-        raise TableFault(f"{self.description.name}: it was told to stop and was not seen at rest; {why}")
+        raise TableFault(f"{self.description.name}: it was ordered to stop and was not seen at rest; {why}")
 
     def clear(self) -> None:
-        """Clear an alarm: only where a person has said so.  TableFault where the machine cannot, or does not."""
+        """Clear an alarm: only where a person has stated it.  TableFault where the machine cannot, or does not."""
         self._table.clear()
 
     def forget_alarm(self) -> None:
-        """A person has dealt with an alarm at the machine: ask it, and do not repeat what it said before."""
+        """A person has dealt with an alarm at the machine: ask it, and do not repeat what it stated before."""
         self._table.forget_alarm()
 
     def close(self) -> None:
@@ -426,8 +428,8 @@ class Guarded:
             motion.origin = now_s, float(start[motion.way[0]])
         self._last = None
 
-    def _compare(self, asked_s: float, now_s: float, found: Where) -> None:
-        """An answer says where it was between the question and the answer."""
+    def _compare(self, requested_s: float, now_s: float, found: Where) -> None:
+        """An answer states where it was between the question and the answer."""
         if not np.isfinite(found.angles).all():
             return
         motion = self._motion
@@ -435,33 +437,33 @@ class Guarded:
         for number, (axis, angle) in enumerate(zip(self.description.axes, found.angles, strict=True)):
             if motion.is_homing:  # it changes angles at once
                 continue
-            beside = 5 * axis.sigma_rad + axis.backlash_rad
+            allowed_rad = 5 * axis.sigma_rad + axis.backlash_rad
             if self._last is not None and not axis.is_endless:
-                over, before = (max(axis.least_rad - said, said - axis.most_rad) for said in (angle, self._last[1][number]))
-                if over > BESIDE_RAD + beside and over > before + RESTS_RAD:  # back from beyond it may come
-                    self._stop_for(f"{axis.name} says {angle / DEG:.2f} deg, beyond its limits")
+                over, before = (max(axis.least_rad - reported, reported - axis.most_rad) for reported in (angle, self._last[1][number]))
+                if over > TOLERANCE_RAD + allowed_rad and over > before + RESTS_RAD:  # back from beyond it may come
+                    self._stop_for(f"{axis.name} reports {angle / DEG:.2f} deg, beyond its limits")
             if motion.target is not None and motion.target[0] == number and self._last is not None and motion.way is not None:
                 over = (angle - motion.target[1]) * np.sign(motion.way[1])
-                if over > BESIDE_RAD + beside:
+                if over > TOLERANCE_RAD + allowed_rad:
                     self._stop_for(f"{axis.name} is at {angle / DEG:.2f} deg, beyond the {motion.target[1] / DEG:.2f} that it was sent to")
-            round_rad = FASTER * axis.fastest_rps * (now_s - last_s) + JUMP_RAD + beside
+            round_rad = FASTER * axis.fastest_rps * (now_s - last_s) + JUMP_RAD + allowed_rad
             if self._last is not None and (change := abs(angle - self._last[1][number])) > round_rad:
-                self._stop_for(f"{axis.name} says that it turned by {change / DEG:.1f} deg within {now_s - last_s:.2f} s")
+                self._stop_for(f"{axis.name} reports that it turned by {change / DEG:.1f} deg within {now_s - last_s:.2f} s")
             if motion.way is None or motion.way[0] != number:
-                if motion.start is not None and abs(angle - motion.start[number]) > JUMP_RAD + beside:
-                    self._stop_for(f"{axis.name} turns, and was not asked to: it is at {angle / DEG:.2f} deg")
+                if motion.start is not None and abs(angle - motion.start[number]) > JUMP_RAD + allowed_rad:
+                    self._stop_for(f"{axis.name} turns without a command: it is at {angle / DEG:.2f} deg")
                 continue
             if motion.origin is None:  # it turned at another rate before
-                motion.origin = (asked_s, angle) if now_s - motion.begin_s > motion.turns_by_s else None
+                motion.origin = (requested_s, angle) if now_s - motion.begin_s > motion.turns_by_s else None
                 continue
             along, lasted_s = (angle - motion.origin[1]) * np.sign(motion.way[1]), now_s - motion.origin[0]
-            asked = f"asked for was {motion.way[1] / DEG:+g} dps"
+            requested = f"requested was {motion.way[1] / DEG:+g} dps"
             if along > FASTER * abs(motion.way[1]) * lasted_s + round_rad:
-                self._stop_for(f"{axis.name} says that it turned by {along / DEG:.1f} deg within {lasted_s:.2f} s, {asked}")
+                self._stop_for(f"{axis.name} reports that it turned by {along / DEG:.1f} deg within {lasted_s:.2f} s, {requested}")
             motion.furthest = max(motion.furthest, along)
-            if along < motion.furthest - JUMP_RAD - beside:
-                self._stop_for(f"{axis.name} turns the wrong way: it is at {angle / DEG:.2f} deg, {asked}")
-        self._last = (asked_s, found.angles)
+            if along < motion.furthest - JUMP_RAD - allowed_rad:
+                self._stop_for(f"{axis.name} turns the wrong way: it is at {angle / DEG:.2f} deg, {requested}")
+        self._last = (requested_s, found.angles)
 
     def _rests(self) -> None:
         """It was seen at rest."""
@@ -477,7 +479,7 @@ class Guarded:
             raise TableLimit(f"{self.description.name}: it still moves; wait for it, or stop it first")
 
     def _resting_angles(self) -> np.ndarray:
-        """Angles (K,) rad; TableLimit where it moves though nothing was asked of it: somebody else has."""
+        """Angles (K,) rad; TableLimit where it moves though it got no command: somebody else has."""
         end_s = self._clock.now_s() + REST_S
         while (found := self.where()).moving:
             if self._clock.now_s() > end_s:

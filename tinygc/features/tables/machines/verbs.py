@@ -1,7 +1,7 @@
 """The five verbs of a table: home, turn to an angle, turn at a rate, where are you, stop.
 
-A make implements ``Table``.  A verb that moves starts the motion and returns; ``where`` says when it has ended.  Nothing here moves without
-``Guarded.require_move``: limits are checked before each move, whatever the machine itself would do.
+A make implements ``Table``.  A verb that moves starts the motion and returns; ``where`` states when it has ended.  Nothing here moves
+without ``Guarded.require_move``: limits are checked before each move, whatever the machine itself would do.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from tinygc.features.tables.machines.description import Description
 
 
 class TableFault(DeviceError):
-    """The table reports a fault, does not answer, or does not do what it was asked to.  Exit code 3."""
+    """The table reports a fault, does not answer, or does not do what it was requested to.  Exit code 3."""
 
 
 class TableLimit(CalibrationError):
@@ -89,20 +89,20 @@ class Table:
         return self.where().angles
 
     def clear(self) -> None:
-        """Clear an alarm, where a program can: only when a person has said so.  TableFault where it stays."""
+        """Clear an alarm, where a program can: only when a person has confirmed it.  TableFault where it stays."""
         raise TableFault(f"{self.description.name}: an alarm of a {self.description.make} is cleared at the machine")
 
     def forget_alarm(self) -> None:
-        """A person has dealt with an alarm at the machine: ask it, and do not repeat what it said before."""
+        """A person has dealt with an alarm at the machine: ask it, and do not repeat what it stated before."""
 
     def set_zero(self) -> None:
-        """A person says that every axis stands at its zero."""
+        """A person confirms that every axis stands at its zero."""
 
     def require_rate(self, axis: int, rate_rps: float) -> None:
-        """TableLimit for a rate (either sign) that its requests cannot say."""
+        """TableLimit for a rate (either sign) that its requests cannot state."""
 
     def require_travel(self) -> None:
-        """TableLimit where the controller's own settings do not fit the description; TableFault where it does not say them."""
+        """TableLimit where the controller's own settings do not fit the description; TableFault where it does not report them."""
 
 
 # The line to a table: bytes out, bytes in.  A serial port, or an instrument through VISA.

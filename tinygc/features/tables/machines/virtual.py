@@ -45,22 +45,22 @@ class Firmware:
         self.later: list[str] = []
 
     def greeting(self) -> bytes:
-        """What it says when it is switched on."""
+        """What it states when it is switched on."""
         return b""
 
     def events(self) -> bytes:
-        """What it says by itself by now."""
-        said = []
+        """What it states by itself by now."""
+        reported = []
         if (problem := self.mechanics.stopped_by) != self._alarm:
             self._alarm = problem
-            said += self.alarm(problem) if problem else []
+            reported += self.alarm(problem) if problem else []
             self.later = []
         if self.later and not self.mechanics.is_homing:
-            said, self.later = said + self.later, []
-        return self.lines(said)
+            reported, self.later = reported + self.later, []
+        return self.lines(reported)
 
     def alarm(self, problem: str) -> list[str]:
-        """What it says by itself when it is stopped."""
+        """What it states by itself when it is stopped."""
         return []
 
     def take(self, byte: bytes) -> bytes:
@@ -80,8 +80,8 @@ class Firmware:
         raise NotImplementedError
 
     def deg(self, axis: int) -> float:
-        """The angle that is said."""
-        return self.mechanics.said(axis) / DEG
+        """The angle that is stated."""
+        return self.mechanics.reported(axis) / DEG
 
 
 class Grbl(Firmware):
@@ -97,7 +97,7 @@ class Grbl(Firmware):
         has_homing = bool(mechanics.description.settings.get("homing", True))
         self._numbers = {13: 0.0, 20: 0.0, 21: 0.0, 22: float(has_homing), 23: 0.0, 27: 1.0} | dict.fromkeys((130, 131, 132), 400.0)
         self._is_locked = has_homing
-        self._is_held = self._is_asked = self._runs = False
+        self._is_held = self._is_requested = self._runs = False
         self._is_reset = False  # since its last alarm
         self._unread: list[tuple[float, str]] = []  # lines that wait, and since when
 
@@ -107,14 +107,14 @@ class Grbl(Firmware):
 
     def events(self) -> bytes:
         """Lines that it has received by now; after homing, the report that was requested meanwhile."""
-        said = super().events()
+        reported = super().events()
         now_s = self.mechanics.now_s()
         while self._unread and now_s >= self._unread[0][0] + self.READ_S and not self._is_busy:
-            said += self.lines(self.answer(self._unread.pop(0)[1]))
-        if self._is_asked and not self.mechanics.is_homing:
-            self._is_asked = False
-            said += self.lines([self._status()])
-        return said
+            reported += self.lines(self.answer(self._unread.pop(0)[1]))
+        if self._is_requested and not self.mechanics.is_homing:
+            self._is_requested = False
+            reported += self.lines([self._status()])
+        return reported
 
     def alarm(self, problem: str) -> list[str]:
         """A hard limit, an abort by the emergency stop, or homing that failed."""
@@ -129,7 +129,7 @@ class Grbl(Firmware):
         if self._hears_no_line and byte != b"\x18":
             return b""
         if byte == b"?" and mechanics.is_homing:
-            self._is_asked = True  # it has no time for reports, and sends one afterwards
+            self._is_requested = True  # it has no time for reports, and sends one afterwards
             return b""
         if byte == b"?":
             return self.lines([self._status()])
@@ -183,7 +183,7 @@ class Grbl(Firmware):
                 return ["error:8"]
             self.mechanics.clear()
             self._is_locked = False
-            if self.mechanics.home(-self._numbers[27] * DEG):  # beside its switch, which is at 0
+            if self.mechanics.home(-self._numbers[27] * DEG):  # next to its switch, which is at 0
                 self.later = ["ok"]
             return []
         if text == "$X":
@@ -261,7 +261,7 @@ class Scpi(Firmware):
         self._errors: list[str] = []
 
     def alarm(self, problem: str) -> list[str]:
-        """An instrument says nothing by itself: it is in the queue."""
+        """An instrument shows nothing by itself: it is in the queue."""
         self._errors.append({"estop": '-310,"emergency stop"', "limit": '-311,"limit switch"', "home_fails": '-312,"no home"'}[problem])
         return []
 
@@ -325,7 +325,7 @@ class Line(Firmware):
         return self.lines(["TABLE 1"])
 
     def alarm(self, problem: str) -> list[str]:
-        """What it says by itself."""
+        """What it states by itself."""
         return [{"estop": "ALARM 1", "limit": "ALARM 2", "home_fails": "ALARM 3"}[problem]]
 
     def answer(self, line: str) -> list[str]:
@@ -389,7 +389,7 @@ class VirtualTable:
         self._rng = np.random.default_rng(seed)
         self._answers: list[tuple[float, bytes]] = []  # when it is due, and what
         self._restarts = 0
-        self._say(self._firmware.greeting())
+        self._write(self._firmware.greeting())
 
     @property
     def is_connected(self) -> bool:
@@ -406,15 +406,15 @@ class VirtualTable:
         if mechanics.restarts != self._restarts:
             self._restarts = mechanics.restarts
             self._firmware = firmware_of(self.description.make)(mechanics)
-            self._say(self._firmware.greeting())
-        self._say(self._firmware.events())
+            self._write(self._firmware.greeting())
+        self._write(self._firmware.events())
         for number in range(len(data)):
-            self._say(self._firmware.take(data[number : number + 1]))
+            self._write(self._firmware.take(data[number : number + 1]))
         due = b"".join(text for at_s, text in self._answers if at_s <= now_s)
         self._answers = [(at_s, text) for at_s, text in self._answers if at_s > now_s]
         return due
 
-    def _say(self, text: bytes) -> None:
+    def _write(self, text: bytes) -> None:
         mechanics = self.mechanics
         if not text or mechanics.suffers("silence"):
             return

@@ -1,6 +1,6 @@
 """The moving part of a virtual table: its axes, its state, and what can go wrong with it.
 
-``tracks`` are the true motion of each motor; the controller says their angle plus what it does not know of (steps lost, a restart).
+``tracks`` are the true motion of each motor; the controller states their angle plus what it does not know of (steps lost, a restart).
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from session.base.units import DEG
 from session.bench.clocks import Clock
 from tinygc.features.tables.machines.description import Description
 
-#: faults, and what each does; where it is given a move, it comes in the middle of it (``AT_ONCE``: when the move is asked for)
+#: faults, and what each does; where it is given a move, it comes in the middle of it (``AT_ONCE``: when the move is requested)
 FAULTS = (
     "estop",  # somebody presses the emergency stop: at rest at once, nothing moves until it is released and cleared
     "limit",  # a limit switch is hit: at rest at once, an alarm that stays
@@ -28,7 +28,7 @@ FAULTS = (
     "doubled",  # each answer comes twice for five seconds
     "lost_steps",  # the motor loses 5 deg during a move, and the controller does not know it
     "stall",  # a move is acknowledged, and nothing moves
-    "wrong_angle",  # the angle that is said jumps by 30 deg, and stays so
+    "wrong_angle",  # the angle that is stated jumps by 30 deg, and stays so
     "home_fails",  # homing ends without the reference mark
     "disabled",  # the amplifier is off: moves are refused
     "endless",  # a move does not end: it goes on beyond its angle
@@ -38,8 +38,8 @@ FAULTS = (
 AT_ONCE = ("lost_steps", "stall", "endless", "home_fails")
 #: those of the request itself, which does not become a move
 REFUSED = ("disabled", "unknown_error")
-#: s that a fault of the line lasts
-LASTS_S = {"garbled": 2.0, "late": 5.0, "doubled": 5.0}
+#: s that a fault of the line takes
+DURATION_S = {"garbled": 2.0, "late": 5.0, "doubled": 5.0}
 LOST_RAD, JUMP_RAD = 5 * DEG, 30 * DEG
 #: an emergency stop brakes so many times harder than a move
 BRAKE = 10.0
@@ -47,7 +47,7 @@ HOMING_RPS = 20 * DEG
 
 
 class AxisTrack:
-    """What a motor does in time: pieces of constant acceleration, appended by the verbs; a piece lasts until the next begins."""
+    """What a motor does in time: pieces of constant acceleration, appended by the verbs; a piece takes until the next begins."""
 
     def __init__(self, angle_rad: float = 0.0):
         #: of each piece: begin s, angle rad, rate rad/s, acceleration rad/s^2
@@ -95,8 +95,8 @@ class AxisTrack:
         since = t_s - begin_s if np.isfinite(begin_s) else 0.0
         return angle + rate * since + acceleration * since**2 / 2, rate + acceleration * since
 
-    def said(self, t_s: np.ndarray) -> np.ndarray:
-        """Angle said (N,) rad at times (N,) s."""
+    def reported(self, t_s: np.ndarray) -> np.ndarray:
+        """Angle stated (N,) rad at times (N,) s."""
         begin, angle, rate, acceleration = np.array(self._pieces).T
         at = np.searchsorted(begin, t_s, side="right") - 1
         since = np.where(np.isfinite(begin[at]), t_s - np.where(np.isfinite(begin[at]), begin[at], 0.0), 0.0)
@@ -140,7 +140,7 @@ class Mechanics:
         self.description, self._clock = table, clock
         self.begin_s = clock.now_s()
         self.tracks = tuple(AxisTrack() for _ in table.axes)
-        self.unknown = [0.0] * len(self.tracks)  #: rad, said minus true
+        self.unknown = [0.0] * len(self.tracks)  #: rad, stated minus true
         self.stopped_by, self.restarts, self.releases = "", 0, 0
         self._moves, self._is_pressed = 0, False
         self._homing_until_s: float | None = None
@@ -170,7 +170,7 @@ class Mechanics:
         if kind in REFUSED and (fault := next((f for f in self._waiting if (f.kind, f.move) == (kind, self._moves + 1)), None)):
             self._waiting.remove(fault)
             self._since_s[kind] = now_s
-        return kind in self._since_s and now_s < self._since_s[kind] + LASTS_S.get(kind, float("inf"))
+        return kind in self._since_s and now_s < self._since_s[kind] + DURATION_S.get(kind, float("inf"))
 
     def once(self, kind: str) -> bool:
         """Whether a fault is present; it is gone afterwards."""
@@ -189,8 +189,8 @@ class Mechanics:
             track.busy_until_s > now_s for track in (self.tracks if axis is None else (self.tracks[axis],))
         )
 
-    def said(self, axis: int) -> float:
-        """The angle that the controller says, rad."""
+    def reported(self, axis: int) -> float:
+        """The angle that the controller states, rad."""
         now_s = self.now_s()
         jump = JUMP_RAD if self.suffers("wrong_angle") else 0.0
         angle = self.tracks[axis].state(now_s)[0]
@@ -199,7 +199,7 @@ class Mechanics:
             jump -= LOST_RAD * (end - angle) / abs(end - begin)  # not lost yet
         return angle + self.unknown[axis] + jump
 
-    def turn_to(self, axis: int, said_rad: float, rate_rps: float) -> None:
+    def turn_to(self, axis: int, reported_rad: float, rate_rps: float) -> None:
         """Begin a move, behind the present one of that axis where there is one."""
         self._count()
         now_s, track = self.now_s(), self.tracks[axis]
@@ -210,15 +210,15 @@ class Mechanics:
         if self.once("stall"):
             return
         here = track.state(begin_s)[0]
-        way = said_rad - self.unknown[axis] - here
+        way = reported_rad - self.unknown[axis] - here
         if self.once("endless"):
             track.turn_at(begin_s, math.copysign(rate_rps, way), self._acceleration(axis))
             return
         self._losing = None
         if self.once("lost_steps"):
             self.unknown[axis] += math.copysign(LOST_RAD, way)  # it lags, whatever its sense
-            self._losing = axis, here, said_rad - self.unknown[axis]
-        track.turn_to(begin_s, said_rad - self.unknown[axis], rate_rps, self._acceleration(axis))
+            self._losing = axis, here, reported_rad - self.unknown[axis]
+        track.turn_to(begin_s, reported_rad - self.unknown[axis], rate_rps, self._acceleration(axis))
         self._expect(begin_s, track.busy_until_s)
 
     def turn_at(self, axis: int, rate_rps: float) -> None:
@@ -230,8 +230,8 @@ class Mechanics:
         self.tracks[axis].turn_at(now_s, rate_rps, self._acceleration(axis))
         self._expect(now_s, now_s + 2.0)
 
-    def home(self, beside_rad: float = 0.0) -> bool:
-        """Begin to search the reference marks of all axes, which are at angles of zero, and rest beside them; False where it fails."""
+    def home(self, rest_rad: float = 0.0) -> bool:
+        """Begin to search the reference marks of all axes, which are at angles of zero, and rest next to them; False where it fails."""
         self._count()
         now_s = self.now_s()
         if self.once("home_fails"):
@@ -240,7 +240,7 @@ class Mechanics:
         for axis, track in enumerate(self.tracks):
             if track.busy_until_s > now_s:
                 track.turn_at(now_s, 0.0, self._acceleration(axis))
-            for angle_rad in (0.0, beside_rad):
+            for angle_rad in (0.0, rest_rad):
                 track.turn_to(max(track.busy_until_s, now_s), angle_rad, HOMING_RPS, self._acceleration(axis))
         self._homing_until_s = max(now_s, *(track.busy_until_s for track in self.tracks))
         self._expect(now_s, self._homing_until_s)

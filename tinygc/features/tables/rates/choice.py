@@ -1,11 +1,11 @@
-"""Which law the points follow: chance first, then evidence among all laws; what other curves say of it.
+"""Which law the points follow: chance first, then evidence among all laws; what other curves show of it.
 
 Chance: the straight line is given up only where the best of many departures from it removes more of the residuals than it does of pure
-noise on the same rates in 95 of 100 tables.  This holds whatever the size of the noise is, which the residuals alone may have to say.
+noise on the same rates in 95 of 100 tables.  This holds whatever the size of the noise is, which the residuals alone may have to state.
 
 Evidence: that of ``tinygc.inference.choose.of_any_scale``; stated sigmas count for ``STATED_FREEDOM`` readings, and the prior of a number
-is as wide as what a straight line leaves.  Besides, -2 log: 2 ln M, M the number of laws, of one that is no line; of kinds of limits, of
-one that has any; and of readings, of one that leaves one of them apart.
+is as wide as what a straight line leaves.  In addition, -2 log: 2 ln M, M the number of laws, of one that is no line; of kinds of limits,
+of one that has any; and of readings, of one that leaves one of them apart.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from tinygc.inference.choose import LEVEL, Selection, of_any_scale, weights_of
 SEED = 1
 #: a law this much less probable than the best is no rival
 RIVAL = 0.05
-#: -2 log evidence that a further extra must gain, besides its price
+#: -2 log evidence that a further extra must gain, in addition its price
 _EXTRA_GAIN = 2 * np.log(len(COMPETING) / LEVEL)
 #: passes between the offset of a curve and which of its points lie at a limit
 OFFSET_PASSES = 20
@@ -40,7 +40,7 @@ RAIL = 0.1
 MOST_PLACES = 60
 #: laws without a bend, or with a kink
 NOT_SMOOTH = ("line", "asymmetry", "dead_band", "pieces")
-#: laws that a held-out table shows beside the chosen one
+#: laws that a held-out table shows next to the chosen one
 COMPARED = (LINE, Hypothesis("cubic"), Hypothesis("line", True, True), Hypothesis("sine"), Hypothesis("sine", True, True))
 
 

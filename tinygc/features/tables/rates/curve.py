@@ -4,7 +4,7 @@
 
 b w |w / W|^p is how any smooth departure begins; W is the largest rate.  f is a random function, zero at rest: white noise over the
 distance from rest, integrated three times (Wahba 1978: smoothing splines, and the sigmas that hold for them).  b and f are odd, or each
-sense has its own.  A figure is the median over draws from all p, senses and sizes of f, each as often as its evidence says; its sigma is
+sense has its own.  A figure is the median over draws from all p, senses and sizes of f, each as often as by its evidence; its sigma is
 half of what holds 68 % of them.  What the rates leave open, between them and about rest, is in it.
 """
 
@@ -36,7 +36,7 @@ DRAWS, SEED, DRAWN = 200, 1, 1e-3
 
 @dataclass(frozen=True)
 class Shape:
-    """Columns of a curve beside K w: of a power, then of f, odd or of each sense by itself."""
+    """Columns of a curve next to K w: of a power, then of f, odd or of each sense by itself."""
 
     power: float
     is_odd: bool
@@ -95,7 +95,7 @@ class Curve(Fit):
 
     @cached_property
     def draws(self) -> list[Curve]:
-        """Curves that the points allow: each shape as often as its evidence says, its numbers by their covariance."""
+        """Curves that the points allow: each shape as often as by its evidence, its numbers by their covariance."""
         rng = np.random.default_rng(SEED)
         shares = np.array([share for share, _ in self.shapes])
         counts = rng.multinomial(DRAWS, shares / shares.sum())
@@ -120,7 +120,7 @@ def fit_curve(points: Points, hypothesis: Hypothesis) -> Curve | None:
     """The curve of the largest evidence, with the hypothesis' limits and extras; None where the points do not determine it."""
     largest = float(np.abs(points.rate_dps).max())
     low = high = np.zeros(len(points), dtype=bool)
-    if hypothesis.lower or hypothesis.upper:  # which a cubic tells well enough to begin with
+    if hypothesis.lower or hypothesis.upper:  # which a cubic gives well enough to begin with
         near = fitting.fit(points, replace(hypothesis, law="cubic")) or fitting.fit(points, replace(hypothesis, law="line"))
         if near is None:
             return None

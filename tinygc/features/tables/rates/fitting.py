@@ -146,7 +146,7 @@ class Fit:
 
     @property
     def noise(self) -> float:
-        """Size of the noise: sigma of a point at no limit, or the factor on stated ones; NaN where nothing is free."""
+        """Size of the noise: sigma of a point at no limit, or the factor on reported ones; NaN where nothing is free."""
         freedom = self.freedom - int(self.is_limited.sum()) + self.hypothesis.lower + self.hypothesis.upper
         squares = self.chi_square - self._clipped + self.points.stated
         return float(np.sqrt(squares / freedom)) if freedom > 0 else float("nan")

@@ -170,7 +170,7 @@ LAWS: dict[str, Law] = {
 CURVE = "curve"
 _CURVE = Law("a smooth curve of no law in the list", "K w + f(w); f smooth", (_K,))
 
-#: columns beside a law; those of the points' direction and order, and of one of them, are zero at other rates
+#: columns next to a law; those of the points' direction and order, and of one of them, are zero at other rates
 EXTRAS: dict[str, Column] = {
     "asymmetry": _a,
     "hysteresis": Column("h direction / 2", 0, np.zeros_like, "hysteresis"),
@@ -217,7 +217,7 @@ class Hypothesis:
     def equation(self) -> str:
         """The output, with the names of its parameters."""
         law, _, rest = self.of.equation.partition("; ")
-        inside = " + ".join(["V0", law, *(EXTRAS[name].symbol for name in self.beside)])
+        inside = " + ".join(["V0", law, *(EXTRAS[name].symbol for name in self.all_extras)])
         low, high = "V−" if self.lower else "−∞", "V+" if self.upper else "∞"
         return (f"V = clip({inside}, {low}, {high})" if self.lower or self.upper else f"V = {inside}") + (f"; {rest}" if rest else "")
 
@@ -229,15 +229,15 @@ class Hypothesis:
         own = {}
         if points is not None:
             own = {"hysteresis": points.direction / 2, "drift": points.order, "apart": (np.arange(len(rate)) == self.apart).astype(float)}
-        extras = [own[name] if name in own else EXTRAS[name].at(rate) for name in self.beside]
+        extras = [own[name] if name in own else EXTRAS[name].at(rate) for name in self.all_extras]
         return np.column_stack([self.of.columns(rate, shape), *extras])
 
     @property
-    def beside(self) -> tuple[str, ...]:
+    def all_extras(self) -> tuple[str, ...]:
         """Its extras, and the reading that is apart."""
         return (*self.extras, *["apart"] * (self.apart >= 0))
 
     @property
     def coefficients(self) -> tuple[Column, ...]:
-        """What is fitted beside the offsets."""
-        return (*self.of.coefficients, *map(EXTRAS.__getitem__, self.beside))
+        """What is fitted next to the offsets."""
+        return (*self.of.coefficients, *map(EXTRAS.__getitem__, self.all_extras))

@@ -27,7 +27,7 @@ from tinygc.reporting.drawing import Axis, Panel, Picture
 from tinygc.reporting.facts import Chapter, Part, Table, screen
 from tinygc.reporting.terminal import Group, one_line
 
-# What ``rates`` shows, on screen, page and picture: of each sensor the law, the terms of IEEE 1431, and what other curves say of it.
+# What ``rates`` shows, on screen, page and picture: of each sensor the law, the terms of IEEE 1431, and what other curves show of it.
 
 # Words.
 
@@ -43,33 +43,33 @@ def headline(choice: Choice) -> str:
 def law_words(choice: Choice) -> str:
     """``a straight line, clipped below and above``."""
     of = choice.fit.hypothesis
-    return ", ".join([of.of.words, *filter(None, [of.clipped]), *(f"with {EXTRAS[name].words}" for name in of.beside)])
+    return ", ".join([of.of.words, *filter(None, [of.clipped]), *(f"with {EXTRAS[name].words}" for name in of.all_extras)])
 
 
 def lines(choice: Choice) -> list[str]:
     """What stands between headline and terms: the equation, its numbers, chance and rivals."""
     found, points = choice.fit, choice.points
     skip = len(found.offsets) if len(found.offsets) > 1 else 0
-    said = [found.hypothesis.equation, ", ".join(map(_number, found.numbers[skip:]))]
+    reported = [found.hypothesis.equation, ", ".join(map(_number, found.numbers[skip:]))]
     if choice.is_line:
-        said.append(f"no departure from a straight line beyond chance ({probability(choice.p_value)})")
+        reported.append(f"no departure from a straight line beyond chance ({probability(choice.p_value)})")
     else:
-        said.append(
+        reported.append(
             f"a straight line leaves {significant(choice.line.rms)} {points.unit} rms; it is refuted ({probability(choice.p_value)})"
         )
     if found.hypothesis.apart >= 0:
-        at, more, again, beyond = float(points.rate_dps[found.hypothesis.apart]), "", "beside it", left_open(found)
+        at, more, again, beyond = float(points.rate_dps[found.hypothesis.apart]), "", "next to it", left_open(found)
         if beyond is not None:
             size_of = points.output * np.sign(choice.line.coefficients[0] * at)
             is_larger = size_of[points.rate_dps * np.sign(at) > abs(at)] > size_of[found.hypothesis.apart]
             limit = "" if is_larger.any() else "the output has a limit there or "
             more, again = f", or {limit or 'there is '}a kink from {significant(beyond[1])} °/s on, which no reading determines", "beyond"
-        said.append(f"the reading at {significant(at)} °/s is off{more}; measure it again, and {again}")
+        reported.append(f"the reading at {significant(at)} °/s is off{more}; measure it again, and {again}")
     lack = found.lack_of_fit
     if lack is not None and lack.p_value < REFUTED:
         repeats = f"{significant(lack.noise)} {points.unit}" if not points.is_known else f"{significant(lack.noise)} of the stated sigmas"
         wider = f"; the sigmas are {lack.variance_inflation**0.5:.2f} times wider for it" if lack.variance_inflation > 1 else ""
-        said.append(
+        reported.append(
             f"repeats scatter by {repeats}, and the law leaves more ({probability(lack.p_value)}): it is not the whole of it{wider}"
         )
     laws = f"of {len(LAWS)} laws and a curve of none"
@@ -77,12 +77,12 @@ def lines(choice: Choice) -> list[str]:
         others = ", ".join(
             f"{rival.hypothesis.name} ({100 * share:.0f} %, {significant(rival.rms)} {points.unit})" for rival, share in choice.rivals
         )
-        said.append(f"{laws} this one has {100 * choice.probability:.0f} %; not excluded: {others}")
+        reported.append(f"{laws} this one has {100 * choice.probability:.0f} %; not excluded: {others}")
     elif not choice.is_line:
-        said.append(f"{laws} no other is more than {100 * RIVAL:.0f} % as probable")
+        reported.append(f"{laws} no other is more than {100 * RIVAL:.0f} % as probable")
     if choice.curve is not None:
-        said.append("the figures of a range are of a smooth curve through these points, whatever the law is called")
-    return said
+        reported.append("the figures of a range are of a smooth curve through these points, whatever the law is called")
+    return reported
 
 
 def cells(row: TermRow) -> tuple[str, str]:
@@ -175,11 +175,11 @@ def _residuals(choice: Choice) -> Panel:
 
 def _measured(panel: Panel, choice: Choice, values: np.ndarray) -> Panel:
     """Add the points of each curve."""
-    says = np.array(_titles(choice), dtype=object)
+    titles = np.array(_titles(choice), dtype=object)
     for n, curve in enumerate(choice.points.curves):
         own = choice.points.curve == n
         panel.points(
-            choice.points.rate_dps[own], values[own], CURVES[n % len(CURVES)], name=curve_words(curve) or "measured", says=says[own]
+            choice.points.rate_dps[own], values[own], CURVES[n % len(CURVES)], name=curve_words(curve) or "measured", says=titles[own]
         )
     return panel
 
@@ -234,7 +234,7 @@ class Rates(Kept):
     @property
     def page(self) -> Group:
         """The command's output, as a rich renderable."""
-        parts = [part for _, _, said in self._chapters for part in (*said, "")]
+        parts = [part for _, _, reported in self._chapters for part in (*reported, "")]
         return screen([*parts[:-1], *self.remarks])
 
     def to_json(self) -> dict:
@@ -336,7 +336,7 @@ def estimate_rates(source: Any, *, sigma: Any = None, progress: Progress | None 
     'line'
 
     """
-    columns, told = Columns(**choices), progress or untold
+    columns, notify = Columns(**choices), progress or untold
     points, responses, remarks = list[Points](), list[Response](), list[str]()
     if not is_path(source):
         if not (isinstance(source, tuple) and len(source) == 2):
@@ -351,15 +351,15 @@ def estimate_rates(source: Any, *, sigma: Any = None, progress: Progress | None 
     elif sigma is not None:
         raise CalibrationError("estimate_rates: sigma is of arrays; a CSV has a column std and --readings")
     elif (path := Path(source)).is_dir():
-        name, (points, responses, remarks) = path.name, read_recording(path, told)
+        name, (points, responses, remarks) = path.name, read_recording(path, notify)
     elif is_response(read_table(path)[0]):
         name, responses = path.name, [read_response(path)]
-        remarks = ["The CSV does not say how late the table's angle is; a latency of it counts with its sign against the sensor's delay."]
+        remarks = ["The CSV does not state how late the table's angle is; a latency of it counts with its sign against the sensor's delay."]
     else:
         name, (points, remarks) = path.name, read_points(path, columns)
     laws = []
     for number, own in enumerate(points):
-        told(f"laws of {own.sensor}", number, len(points))
+        notify(f"laws of {own.sensor}", number, len(points))
         settled, why = settings_of(own)
         laws.append(choose(settled))
         remarks += why

@@ -3,7 +3,7 @@
     sensor, unit, …, rate_dps, mean_v, std_v, readings
 
 One row is one rate.  The columns of rate and output are known by their names, units stand in these, or options name both.  Columns
-``sensor``, ``unit``, ``serial`` or ``axis`` tell sensors apart; any other column that repeats tells the curves of one sensor apart.
+``sensor``, ``unit``, ``serial`` or ``axis`` separate sensors; any other column that repeats separates the curves of one sensor.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from tinygc.features.tables.feature import Columns
 MOST_BYTES, MOST_POINTS = 16 * MB, 2000
 #: least number of rates
 LEAST_RATES = 4
-#: rates of one setting lie closer than two settings by this factor; readings beyond one of each that tell whether the output follows
+#: rates of one setting lie closer than two settings by this factor; readings beyond one of each that show whether the output follows
 #: them, and the probability that it does
 APART, LEAST_SCATTERED, FOLLOWED = 5.0, 6, 1e-3
 #: of the largest output: a stated sigma below is none
@@ -46,7 +46,7 @@ RATES = ("rate", "table_rate", "input_rate", "commanded_rate", "omega", "speed",
 OUTPUTS = ("mean", "output", "average", "value", "voltage", "reading", "out", "signal")
 STDS = ("std", "sigma", "stdev", "sd", "noise")
 READINGS = ("readings", "n", "count", "samples", "n_readings")
-#: what is measured beside the output begins so, and tells no curves apart
+#: what is measured next to the output begins so, and separates no curves
 MEASURED = ("temp", "humidity", "pressure", "time", "supply")
 SENSORS = ("sensor", "unit", "serial", "axis", "device", "name")
 #: units of rate -> °/s
@@ -161,7 +161,7 @@ class Points:
 def settings_of(points: Points) -> tuple[Points, list[str]]:
     """One point for each setting of the table, where the rates within one scatter and the output does not follow them; a remark of it.
 
-    The rate of a reading then errs: K (rate - mean of its setting) would add to the scatter of the output, and does not.
+    The rate of a reading then is wrong: K (rate - mean of its setting) would add to the scatter of the output, and does not.
     """
     order = np.argsort(points.rate_dps, kind="stable")
     gaps = np.diff(points.rate_dps[order])
@@ -187,14 +187,14 @@ def settings_of(points: Points) -> tuple[Points, list[str]]:
 
     if fdtrc(freedom, freedom, float(np.sum((own - scale * off) ** 2) / np.sum(own**2))) > FOLLOWED:
         return points, []
-    moved = (np.bincount(visit, off**2) > 0) | ((count == 1) & (rate != 0))  # what was read once errs as much, but at rest
+    moved = (np.bincount(visit, off**2) > 0) | ((count == 1) & (rate != 0))  # what was read once is wrong as much, but at rest
     rate_error = float(np.sqrt(np.sum(off**2) / np.sum((count - 1)[moved])))
     noise = float(np.sqrt(np.sum(own**2) / freedom))
     first = np.flatnonzero(begins)
     sigma = np.sqrt((noise**2 + (scale * rate_error * moved) ** 2) / count)
     settled = points_of(points.sensor, points.unit, rate, output, [points.curves[n] for n in points.curve[first]], sigma)
-    said = f"{printable(points.sensor)}: within a setting the rates scatter by {rate_error:.2g} °/s, which the output does not follow: "
-    return settled, [f"{said}taken for errors of the rates, {len(points)} readings for {len(count)} settings."]
+    reported = f"{printable(points.sensor)}: within a setting the rates scatter by {rate_error:.2g} °/s, which the output does not follow: "
+    return settled, [f"{reported}taken for errors of the rates, {len(points)} readings for {len(count)} settings."]
 
 
 def points_of(

@@ -1,6 +1,6 @@
 """A recording on a machine that steps its rate or swings: ``rates*.csv``, ``table.toml``, ``table.csv`` (docs/formats/tables.md).
 
-The machine's angles give each dwell: a stretch in which one axis turns at one rate.  The rate is the slope of what the machine says; the
+The machine's angles give each dwell: a stretch in which one axis turns at one rate.  The rate is the slope of what the machine reports; the
 output is the sensor's mean over the settled part, over whole turns where there is one, so that the Earth's rate and gravity cancel about a
 tilted axis.  Its sigma is that of means of blocks, which holds for noise of any colour that is shorter than a block, with that of the rate.
 """
@@ -63,7 +63,7 @@ class Dwell:
 def read_recording(folder: Path, progress: Progress) -> tuple[list[Points], list[Response], list[str]]:
     """Points of each gyroscope axis that the table turned, responses of its sweeps, and remarks, of a recording's folder.
 
-    Raises FormatError or DataError, which say what is missing or wrong.
+    Raises FormatError or DataError, which name what is missing or wrong.
     """
     for path in (folder / TABLE, folder / ANGLES):
         if not path.exists():
@@ -71,7 +71,7 @@ def read_recording(folder: Path, progress: Progress) -> tuple[list[Points], list
         require_file(path)
     paths = log_paths(folder, STEM)
     if not paths:
-        raise FormatError(f"{folder}: no log; expected {STEM}0001.csv and so on beside {TABLE}")
+        raise FormatError(f"{folder}: no log; expected {STEM}0001.csv and so on next to {TABLE}")
     config, table = read_config(folder / "session.toml"), read_description(folder / TABLE)
     angles = read_angles(folder / ANGLES, table)
     steps: dict[int, list[tuple[str, float, float, float]]] = {}
@@ -108,7 +108,7 @@ def read_recording(folder: Path, progress: Progress) -> tuple[list[Points], list
 
 
 def dwells(own: AngleLog) -> list[Dwell]:
-    """Stretches in which at most one axis turns, at one rate, by what the machine said."""
+    """Stretches in which at most one axis turns, at one rate, by what the machine reported."""
     t_s = (own.t_ns - own.t_ns[0]) * NS
     if len(t_s) < 2 * ANSWERS or t_s[-1] < LEAST_DWELL_S:
         return []
@@ -182,9 +182,9 @@ def _settled(samples: Samples, own: AngleLog, dwell: Dwell, sigma_rad: float) ->
     if len(gyro) < 2 * BLOCKS or answers.stop - answers.start < 2:
         return None
     t_s = (own.t_ns[answers] - own.t_ns[answers][0]) * NS
-    said, since = np.unwrap(own.angles[answers, dwell.axis]), t_s - t_s.mean()
-    rate = float(np.polyfit(since, said, 1)[0])
-    off = said - said.mean() - rate * since
+    reported, since = np.unwrap(own.angles[answers, dwell.axis]), t_s - t_s.mean()
+    rate = float(np.polyfit(since, reported, 1)[0])
+    off = reported - reported.mean() - rate * since
     rate_sigma = float(np.sqrt(np.sum(off**2) / max(len(off) - 2, 1) / np.sum(since**2)))
     if abs(rate) * (end - begin) < AT_REST * sigma_rad:
         rate = rate_sigma = 0.0
@@ -222,12 +222,12 @@ def _swings(samples: Samples, own: AngleLog, table: Description, axis: int) -> I
         if min(rows.stop - rows.start, inside.stop - inside.start) < 8:
             continue
         f = _frequency(sample_s[inside], gyro[inside], guess)
-        said, said_variance = _phasor(t_s[rows], angle[rows], f)
+        reported, reported_variance = _phasor(t_s[rows], angle[rows], f)
         rate, rate_variance = _phasor(sample_s[inside], gyro[inside], f)
-        if not abs(said) > 0 or not abs(rate) > 0:
+        if not abs(reported) > 0 or not abs(rate) > 0:
             continue
-        ratio = rate / (2j * np.pi * f * said)
-        relative = np.sqrt(rate_variance / abs(rate) ** 2 + said_variance / abs(said) ** 2)
+        ratio = rate / (2j * np.pi * f * reported)
+        relative = np.sqrt(rate_variance / abs(rate) ** 2 + reported_variance / abs(reported) ** 2)
         yield f, float(abs(ratio)), float(np.angle(ratio)), float(abs(ratio) * relative), float(relative)
 
 

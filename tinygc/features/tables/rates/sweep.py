@@ -2,8 +2,8 @@
 
     H(f) = K L(f) exp(-2 pi i f D),   L = 1  |  1 / (1 + i f/fc)  |  1 / (1 + 2 i zeta f/f0 - (f/f0)^2)
 
-The output of the sensor over the rate that the machine's angles say.  D holds the sensor's pure delay less the machine's latency: its
-angles reach the log late.  The two cannot be told apart; the delay is the sensor's own only where ``table.toml`` states the latency.
+The output of the sensor over the rate that the machine's angles give.  D holds the sensor's pure delay less the machine's latency: its
+angles reach the log late.  The two cannot be separated; the delay is the sensor's own only where ``table.toml`` states the latency.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ MODELS: dict[str, tuple[str, tuple[tuple[float, ...], ...]]] = {
 MOST_HZ, MOST_GAIN, MOST_DELAY_S = 1e5, 1e6, 10.0
 #: chi-square of a row below which a model leaves nothing
 LEAST_LEFT = 1e-12
-#: what a model may leave of gain and phase, rms, as a share and in rad, and still be said to describe them
+#: what a model may leave of gain and phase, rms, as a share and in rad, and still describe them
 POOR = 0.05
 
 
@@ -103,14 +103,14 @@ class Sweep:
             if known
             else "the sensor's less the table's latency, which is not declared"
         )
-        said = [f"gain {measured(*self.gain)}; −3 dB at {band}; delay {measured(delay, sigma)} ms: {whose}"]
+        reported = [f"gain {measured(*self.gain)}; −3 dB at {band}; delay {measured(delay, sigma)} ms: {whose}"]
         if delay < -2 * sigma and known:
-            said.append("a delay below zero: the declared latency is too small, or the phase has the other sign")
+            reported.append("a delay below zero: the declared latency is too small, or the phase has the other sign")
         gain_left, phase_left = self.left
-        said.append(f"the model leaves {100 * gain_left:.2g} % of the gain and {phase_left / DEG:.2g}° of the phase, rms")
+        reported.append(f"the model leaves {100 * gain_left:.2g} % of the gain and {phase_left / DEG:.2g}° of the phase, rms")
         if max(gain_left, phase_left) > POOR:
-            said.append("it does not describe these points: bandwidth and delay are not theirs; measure them again, at more frequencies")
-        return said
+            reported.append("it does not describe these points: bandwidth and delay are not theirs; measure again, at more frequencies")
+        return reported
 
     @property
     def left(self) -> tuple[float, float]:
@@ -170,7 +170,7 @@ def _fit(response: Response, model: str) -> tuple[np.ndarray, np.ndarray, float]
         key=lambda solved: float(solved.cost),
     )
     chi_square = max(float(2 * found.cost), LEAST_LEFT * 2 * len(f))
-    widened = max(chi_square / max(2 * len(f) - size, 1), 1.0)  # what the model lacks widens its sigmas
+    widened = max(chi_square / max(2 * len(f) - size, 1), 1.0)  # what the model leaves widens its sigmas
     return found.x, solve(found.jac).covariance * widened, chi_square
 
 

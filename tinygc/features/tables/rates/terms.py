@@ -1,7 +1,7 @@
 """The terms of IEEE 1431 (12.9 to 12.11) as rows: value, sigma, and the condition under which they hold; of what does not show, a limit.
 
 Where the output bends, the linear range and what is quoted within it are those of the smooth curve (``curve.py``), whatever the law is
-called.  Asymmetry, hysteresis and what does not show are fitted to the readings within the linear range alone: their sizes and sigmas say
+called.  Asymmetry, hysteresis and what does not show are fitted to the readings within the linear range alone: their sizes and sigmas show
 what these show, and 95 % of the probability lies below a limit.  What the readings do not determine has no number.
 """
 
@@ -98,7 +98,7 @@ def terms(choice: Choice) -> list[TermRow]:
         rows.append(TermRow("repeats", "scatter of repeats", known, f"{lack.freedom} more than rates", lack.noise, uncertain))
     line = choice.line
     share = 100 * float(np.abs(line.residuals).max() / max(abs(line.coefficients[0]) * np.abs(points.rate_dps).max(), 1e-300))
-    rows.append(TermRow("straight_line", "a straight line would say: nonlinearity", "% of full scale", tested, share))
+    rows.append(TermRow("straight_line", "nonlinearity by a straight line", "% of full scale", tested, share))
     if not abs(scale) > FOLLOWS * scale_sigma and np.isfinite(scale_sigma):  # and then nothing over the scale is known
         why = "not measured: the output does not follow the rate"
         over_scale = [row.key for row in rows if row.unit in ("ppm", "°/s", "% of full scale") and not row.key.startswith("linear")]
@@ -107,7 +107,7 @@ def terms(choice: Choice) -> list[TermRow]:
 
 
 def averaged(choice: Choice, function: Callable[[Fit], float]) -> tuple[float, float]:
-    """A function of the curve, where the law has one, and its sigma; else of the law's numbers, with what rival laws say of it by their
+    """A function of the curve, where the law has one, and its sigma; else of the law's numbers, with what rival laws give for it by their
     probabilities, but of a straight line, from which nothing departs beyond chance."""
     if choice.curve is not None:
         return derived(choice.curve, function)
@@ -174,7 +174,7 @@ def _linear_range(found: Fit) -> Range:
 
 
 def left_open(found: Fit) -> tuple[float, float, float | None] | None:
-    """The rate of a reading that is off and has no sound one beyond it or beside it, the last sound rate before it (0 where there is none
+    """The rate of a reading that is off and has no sound one beyond it or next to it, the last sound rate before it (0 where there is none
     of its sense), and the first at a limit beyond, None where there is none; None where there is no such reading."""
     rates, apart = found.points.rate_dps, found.hypothesis.apart
     if apart < 0 or not (at := float(rates[apart])):
@@ -274,7 +274,7 @@ def _inside(choice: Choice, within: Range) -> Points:
 
 
 def _probe(choice: Choice, inside: Points, extra: str, within: Range | None = None) -> tuple[float, float] | None:
-    """Coefficient and sigma of a column beside the law of the points inside, a polynomial where it is smooth; of an asymmetry that of the
+    """Coefficient and sigma of a column next to the law of the points inside, a polynomial where it is smooth; of an asymmetry that of the
     best lines of both senses within the range, the law's own included; None where not determined."""
     of, extras = choice.fit.hypothesis, [each for each in choice.fit.hypothesis.extras if each != extra]
     law = "line" if of.law == extra else of.law if of.law in NOT_SMOOTH else "polynomial"
@@ -289,7 +289,7 @@ def _probe(choice: Choice, inside: Points, extra: str, within: Range | None = No
 
 
 def _uneven(found: Fit, within: Range) -> float:
-    """Coefficient of |w| beside the best line over the range, as far as it goes in both senses."""
+    """Coefficient of |w| next to the best line over the range, as far as it goes in both senses."""
     half = np.linspace(0.0, min(-within.low, within.high), GRID)[1:]
     return float(np.polyfit(half, (found.unlimited(half) + found.unlimited(-half)) / 2, 1)[0])
 
@@ -358,7 +358,7 @@ def _hysteresis(choice: Choice, inside: Points, scale: float) -> TermRow:
     condition = f"{both} rates reached from both sides"
     likely = [choice.fit, *(rival for rival, _ in choice.rivals)]
     if all(any(name in each.hypothesis.extras for each in likely) for name in ("hysteresis", "drift")):
-        condition += "; a drift is not told from it: step up, down and up again"
+        condition += "; a drift cannot be separated from it: step up, down and up again"
     shows = "hysteresis" in choice.fit.hypothesis.extras
     return _shown(key, name, _probe(choice, inside, "hysteresis"), 1 / scale, "°/s", condition, shows)
 

@@ -25,9 +25,9 @@ def makes() -> dict[str, str]:
 
 
 def make_of(table: Description, folder: Path | None = None) -> Make:
-    """The make of a table, with its settings; ``make = "./mine.toml"`` is one of the user's, beside table.toml in ``folder``.
+    """The make of a table, with its settings; ``make = "./mine.toml"`` is one of the user's, next to table.toml in ``folder``.
 
-    Raises FormatError for what is wrong with it, for what does not fit the table, and for requests that may do more than the plan says.
+    Raises FormatError for what is wrong with it, for what does not fit the table, and for requests that may do more than is in the plan.
     """
     make = read_make((folder or Path()) / table.make) if is_own(table) else make_of_name(table.make)
     return fitted(table, make)
@@ -61,7 +61,7 @@ def open_table(
         return MODULES[table.make].open_table(table, clock)
     make = make_of(table, folder)
     if is_own(table) and table.make_sha256 != make.sha256:
-        why = "has changed since it was confirmed" if table.make_sha256 else "does not come with the tool, and nobody has confirmed it"
+        why = "has changed since it was confirmed" if table.make_sha256 else "does not come with the tool, and no one has confirmed it"
         do = f"{command_line('table', 'check')} shows all that it can send, and the line that confirms it"
         stop = f"; Ctrl-C in the program that moves it stops it; {PRESS}" if stops else ""
         raise FormatError(f"{table.name}: {table.make} {why}: nothing was sent; {do}{stop}")
@@ -113,7 +113,7 @@ DOWN = ": [0, 0, 1] is down, so clockwise seen from above"
 LIMITS = "least_deg = -180         # <-- what the cable allows\nmost_deg = 180           # <--"
 #: of a GRBL with switches, where 0 is the switch
 BELOW = "least_deg = -180         # <-- what the cable allows, from -$130 on\nmost_deg = -1            # <-- up to -$27: its switch is at 0"
-#: what a make wants besides: a line of [settings], and the words of the axes (none: their names)
+#: what a make needs in addition: a line of [settings], and the words of the axes (none: their names)
 SETTINGS = {
     "grbl": ("homing = true  # false without limit switches ($22 = 0)", "XYZ"),
     "scpi": ("", ("AXIS1", "AXIS2", "AXIS3")),
@@ -132,7 +132,7 @@ def template(make: str, axes: int = 1) -> str:
     else:
         of = make_of_name(make)
         title, remarks = of.title, f"# Unchecked: {comment(of.unchecked)}\n" if of.unchecked else ""
-        port = f'port = "/dev/ttyUSB0"  # <-- `record --port list` says what there is\nbaud = {of.baud}\n'
+        port = f'port = "/dev/ttyUSB0"  # <-- `record --port list` lists the ports\nbaud = {of.baud}\n'
     text = TEMPLATE.format(
         schema=Description.schema,
         make=make,

@@ -5,7 +5,7 @@ The library is an extra (``pip install 'tinygc[tables]'``).  ``xi-emu:///PATH`` 
 
 Zero is where homing ends.  The library's own ``command_homezero`` returns when it has ended, and may count a place where it was stopped
 as zero; so its two halves are sent from here: ``command_home``, and ``command_zero`` behind a homing that ended by itself.  An angle is
-believed while the controller says that it is homed (``STATE_IS_HOMED``), or since a person said that the axis stands at its zero.
+believed while the controller reports that it is homed (``STATE_IS_HOMED``), or since a person confirmed that the axis stands at its zero.
 """
 
 from __future__ import annotations
@@ -71,12 +71,12 @@ class Ximc(Table):
         self._each(lambda device: device.command_home())
 
     def set_zero(self) -> None:
-        """A person says that every axis stands at its zero: so those that are not homed count from here."""
+        """A person confirms that every axis stands at its zero: so those that are not homed count from here."""
         for number, device in enumerate(self._devices):
             if not self._known[number]:
                 with self._naming(self.description.axes[number].word), self._lock:
                     if self._is_running(device.get_status_calb()):
-                        raise TableFault(f"{self.description.name}: it moves; stop it before you say that it stands at zero")
+                        raise TableFault(f"{self.description.name}: it moves; stop it before you state that it stands at zero")
                     device.command_zero()
                 self._known[number] = self._by_hand[number] = True
 
@@ -110,7 +110,7 @@ class Ximc(Table):
                     homing[number] = begin_s = -np.inf if running else begin_s
                     running = running or self._clock.now_s() - begin_s < TAKEN_UP_S
                 if not running and self._library.MvcmdStatus.MVCMD_ERROR in self._library.MvcmdStatus(status.MvCmdSts):
-                    self._fail(f"{axis.word} says that its last command failed")
+                    self._fail(f"{axis.word} reports that its last command failed")
                 if begin_s is not None and not running:
                     homing[number] = None
                     self._end_homing(number, status)
@@ -152,7 +152,7 @@ class Ximc(Table):
             self._fail(f"{word}: its homing was ended by another command; home it again")
         self._devices[number].command_zero()
         if not self._is_homed(status):
-            self._fail(f"{word} has ended its homing, and does not say that it is homed (STATE_IS_HOMED): has it a mark?")
+            self._fail(f"{word} has ended its homing, and does not report that it is homed (STATE_IS_HOMED): has it a mark?")
         self._known[number] = True
 
     def _fail(self, why: str) -> None:

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import processes
 import pytest
 from conftest import ROOT
+from recording_wires import virtual_boards
 
 from tinygc.cli.commands import commands
 
@@ -60,6 +61,7 @@ SCREENS = (
     Screen("fit nowhere", r"calibrate: nowhere: no such folder$", 1, code=2),
     Screen("check nowhere", r"calibrate: nowhere: no such folder$", 1, code=2, slow=True),
     Screen("check good", r"READY"),
+    Screen("simulate --out made --segments 2 --closure 0 --odr-hz 62.5", r"made: 2 turns simulated; the truth is in truth.json$", 3),
 )
 
 
@@ -113,6 +115,11 @@ def screen_of(words: list[str], folder: str) -> tuple[int, list[str]]:
     return process.returncode, shown(sent.decode())
 
 
+def at_fault(line: str) -> bool:
+    """Whether a line is too long, or has what no screen has."""
+    return len(line) > WIDTH or "…" in line or "..." in line or bool(EXPONENT.search(line) or DIALECT.search(line))
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """The folder that the commands run in."""
@@ -130,9 +137,22 @@ def test_a_screen_begins_with_its_answer_and_is_read_at_80_columns(folder, scree
     text = "\n".join(lines)
     assert code == screen.code, text
     assert re.match(screen.first, lines[0]), text
-    faults = [line for line in lines if len(line) > WIDTH or "…" in line or "..." in line or EXPONENT.search(line) or DIALECT.search(line)]
+    faults = [line for line in lines if at_fault(line)]
     assert not faults, text
     assert len(lines) <= screen.lines, text
+
+
+def test_a_recording_ends_with_its_answer_and_leaves_no_live_view(tmp_path):
+    (tmp_path / "calibrate.py").symlink_to(ROOT / "calibrate.py")
+    with virtual_boards(tmp_path) as board:
+        port = board("--rate", 104, "--segments", 4, "--speed", 20)
+        words = ["record", "--port", str(port), "--like", "bench.toml", "--out", "s", "--segments", "2", "--mute"]
+        code, lines = screen_of(words, str(tmp_path))
+    assert (code, re.sub(r"\d+", "N", lines[0])) == (0, "Ended: N of N numbers are good enough after N turns in N s."), lines
+    assert re.match(r"Worst: .* and \d+ more\.$", lines[1])
+    assert re.match(r"s: log0001\.csv, \d+ samples$", lines[2])
+    assert lines[3:] == ["next:", "  python calibrate.py check s", "  python calibrate.py fit s"]
+    assert not [line for line in lines if at_fault(line)]
 
 
 def test_the_rules_find_what_they_forbid():

@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from session.base.options import argument, changed, folder_written, option, values
+from session.base.texts import command_line
 from tinygc.cli.options import Command, UsesEffects
-from tinygc.cli.results import output, try_destinations, write_json
+from tinygc.cli.results import output, print_commands, try_destinations, write_json
 from tinygc.features.temperature.feature import RestOptions, ThermalOptions
 
 if TYPE_CHECKING:
@@ -48,7 +49,8 @@ def simulate(args: Any, options: SimulationOptions, chosen: dict) -> int | None:
     from tinygc.features.temperature.rest_simulation import write_rest
 
     folder = write_rest(rest, options, args.out, args.force)
-    output(args).print(f"{folder}: a rest log is simulated; the truth is in truth.json, which no command reads")
-    told = {f"rest_{name}": value for name, value in changed(rest).items()}
-    write_json(args.json, {"schema": "tinygc-simulate/1", "folder": str(folder), "options": told})
+    output(args).print(f"{folder}: a rest log simulated; the truth is in truth.json")
+    print_commands(args, "next:", command_line("temperature", folder))
+    chosen = {f"rest_{name}": value for name, value in changed(rest).items()}
+    write_json(args.json, {"schema": "tinygc-simulate/1", "folder": str(folder), "options": chosen})
     return 0

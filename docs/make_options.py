@@ -22,7 +22,7 @@ from session.base import features  # noqa: E402
 from session.base.options import declared, flag, help_of, metavar, typed_as  # noqa: E402
 from session.replay.options import Answers  # noqa: E402
 from tinygc.cli.commands import command_module, commands  # noqa: E402
-from tinygc.cli.options import Command, Force, Judged, Pictures, Stream, UsesEffects  # noqa: E402
+from tinygc.cli.options import Command, Force, Pictures, Stream, UsesEffects, VerdictOptions  # noqa: E402
 from tinygc.cli.recording import Recording, Turning  # noqa: E402
 from tinygc.estimation.options import FitOptions, Seed  # noqa: E402
 from tinygc.simulation.options import SimulationOptions  # noqa: E402
@@ -35,7 +35,7 @@ SHARED: dict[type, str] = {
     Force: "Files",
     Seed: "Draws",
     Pictures: "Pictures",
-    Judged: "Limits",
+    VerdictOptions: "Limits",
     FitOptions: "Fit options",
     Recording: "Recordings",
     Turning: "Guided turns",

@@ -49,7 +49,7 @@ from tinygc.inference.decide import KINDS
 from tinygc.noise.turn_gravity import NUMBERS, TurnGravity
 from tinygc.reporting.checked_text import checked_page
 from tinygc.reporting.terminal import Group, as_text
-from tinygc.verdict.acceptance import JudgedFit
+from tinygc.verdict.acceptance import CandidateFit
 
 EFFECTS = catalogue()
 STEP, SKEW, VIBRATION = (EFFECTS[name] for name in ("gyro.bias_step", "timing.axis_skew", "gyro.vibration_rectification"))
@@ -462,12 +462,12 @@ def test_what_belongs_to_one_recording_or_unit_is_not_taken_to_another_and_a_con
 def test_a_number_that_no_segment_observes_has_none_beside_physics_either():
     """The linear model's observed parameters are those of the fit with effects, on the same turns."""
     asymmetry = AppliedEffect(ASYMMETRY, np.zeros(3))
-    judged = JudgedFit(np.zeros((2, 2)), [1, 2], np.r_[np.eye(3).ravel(), np.zeros(6)], 1.0, 0.5, None, [], [], [])
+    judged = CandidateFit(np.zeros((2, 2)), [1, 2], np.r_[np.eye(3).ravel(), np.zeros(6)], 1.0, 0.5, None, [], [], [])
     judged = replace(judged, covariance=1e-8 * np.eye(15), unobserved=("E_xx",))
     proof = SimpleNamespace(
         before=np.ones((2, 2)), after=np.zeros((2, 2)), after_numbers=[1, 2], fit=SimpleNamespace(state=SimpleNamespace(claims=[asymmetry]))
     )
-    fit = SimpleNamespace(runs=[], judged_by=lambda *given: judged)
+    fit = SimpleNamespace(runs=[], candidate_of=lambda *given: judged)
     with patch.multiple(reported, conditions=MagicMock(), model_at=MagicMock()):
         adopted = reported.adopt(fit, MagicMock(proof=proof))
     assert (adopted.name, adopted.claims) == (reported.PHYSICS, (asymmetry,))

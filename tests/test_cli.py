@@ -121,10 +121,10 @@ def test_limit_is_exit_code_1_and_says_which_figure_failed_and_a_session_that_ma
     monkeypatch.setattr(Path, "mkdir", refuse)
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
     out = tmp_path / "results" / "first"
-    code, said, err = run("fit", folder, *QUICK, "--limit", "1e-6", "--out", out)
+    code, said, err = run("fit", folder, *QUICK, "--limit", "1e-6", "--out", out, "--quiet")
     assert sorted(path.name for path in out.iterdir()) == ["fit.json", "fitted.json", "model_least_squares.json"]
     assert (code, said, err.count("\n")) == (1, "", 1)
-    for words in ("--limit 1e-06", "segments, held out, rms of tilt: 0.0", "closure0001.csv.gz, RMSE: 0.0"):
+    for words in ("--limit 0.00000100", "held-out turns close to 0.0", "closure0001.csv.gz is off by 0.0"):
         assert words in err
     refused(run("fit", folder, *QUICK), "Permission denied", str(folder))
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before

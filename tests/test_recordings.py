@@ -56,6 +56,6 @@ NULLS = [case for case, truth in json.loads(TRUTH.read_text() if TRUTH.exists() 
 @pytest.mark.parametrize("case", NULLS[:1])
 def test_a_recording_with_nothing_concealed_closes_at_the_floor(case):
     result, table = fitted(CONCEALED / case)
-    assert 0.001 < result.judged.closure_p < 0.999
+    assert 0.001 < result.candidate.closure_p < 0.999
     ratio = table["methods"]["least_squares"]["holdout"]["tilt_rms_deg"] / (result.problem.floor.tilt_rms / DEG)
     assert 0.8 < ratio < 1.6  # held out: 12 parameters of 80 residuals cost some

@@ -17,7 +17,7 @@ from tinygc.estimation.choice import AgainstRaw
 from tinygc.inference.decide import Conformity, Fact, simply_accepted
 from tinygc.inference.solve import Source, known_sources, total
 from tinygc.models.linear import field_facts, field_jacobian
-from tinygc.verdict.acceptance import JudgedFit, _against, _doubts, decide
+from tinygc.verdict.acceptance import CandidateFit, _against, _doubts, decide
 from tinygc.verdict.requirements import (
     attitude_measured,
     closure_measured,
@@ -297,7 +297,7 @@ def judged(**known):
     angles = np.full((40, 2), 1e-3 / np.sqrt(2)) * (1 + 0.2 * (-1) ** np.arange(40))[:, None]
     figures = {"angles": angles, "numbers": list(range(40)), "vector": STILL * 1.001, "floor_rms": 1e-3, "closure_p": 0.5}
     figures |= {"closure_freedom": 68, "run_errors": [], "run_p": [], "run_losses": [], "covariance": np.diag(np.full(12, 1e-8))}
-    return JudgedFit(**figures | known)
+    return CandidateFit(**figures | known)
 
 
 def required(rule=SIMPLE, **limits):
@@ -345,7 +345,7 @@ def test_an_accelerometer_whose_numbers_are_not_all_observed_is_a_doubt():
 def test_a_value_beyond_its_limits_is_no_reason_against_the_calibration_itself():
     assert decide(judged(), [], None, requirements=of_scale(500.0, closure_deg=(-INF, 1e-6))).unsound == []
     found = decide(judged(closure_p=1e-6), [], None, requirements=of_scale(500.0))
-    assert [text[:31] for text in found.unsound] == ["closure of the fitted segments,"]
+    assert [text[:15] for text in found.unsound] == ["the turns close"]
     run = {"run_errors": [np.full(3, 1e-3)], "run_p": [1e-6], "run_losses": [""]}
     assert [text[:5] for text in decide(judged(**run), ["c.csv"], None).unsound] == ["c.csv"]
     raw = AgainstRaw("raw", 1e-4 / DEG, {}, 40)

@@ -31,7 +31,7 @@ from tinygc.estimation.stated_noise import require_plausible
 from tinygc.estimation.systematic import MOST_WEIGHED, Systematic, _beside, _promises, systematic_of
 from tinygc.inference.noise import wander_covariance
 from tinygc.models.linear import LinearModel
-from tinygc.verdict.acceptance import GIVEN, JudgedFit, Promise, decide, promise_of, run_p_values, too_good, too_wide
+from tinygc.verdict.acceptance import GIVEN, CandidateFit, Promise, decide, promise_of, run_p_values, too_good, too_wide
 from tinygc.verdict.model_tests import EFFECT, GRAVITY, NOISE, RUN, TURNS, ModelTest, contradictions, least_p, model_tests
 
 
@@ -120,7 +120,7 @@ def test_models_are_compared_on_the_segments_that_both_have():
 def judged(times=1.0, segments=40, **known):
     figures = {"angles": np.full((segments, 2), times * 1e-3 / np.sqrt(2)), "numbers": list(range(segments)), "vector": np.zeros(12)}
     figures |= {"floor_rms": 1e-3, "closure_p": 0.5, "closure_freedom": 68, "run_errors": [], "run_p": [], "run_losses": []}
-    return JudgedFit(**figures | known)
+    return CandidateFit(**figures | known)
 
 
 SHEET = Promise(5.0, 10.0, "an X1's data sheet")
@@ -162,17 +162,16 @@ def test_each_rule_holds_up_to_its_limit(known, limit_deg, answer):
 @pytest.mark.parametrize(
     ("sheet", "answer", "says"),
     [
-        (Promise(5.0, 0.501e-3, "an X1's data sheet"), "pass", "PASS: held out 0.0573° over 5 s (twice an X1's data sheet: 0.057°)"),
+        (Promise(5.0, 0.501e-3, "an X1's data sheet"), "pass", "PASS: held-out turns close to 0.0573° (limit 0.057°)"),
         (
             Promise(5.0, 0.499e-3, "an X1's data sheet", "this unit has 9 mdps/√Hz, 5 there"),
             "not decided",
-            "NOT DECIDED: held out 0.0573° over 5 s, more than twice an X1's data sheet, 0.057°; this unit has 9 mdps/√Hz, 5 there",
+            "NOT DECIDED: held-out turns close to 0.0573°, more than 0.057° (twice an X1's data sheet); this unit has 9 mdps/√Hz, 5 there",
         ),
-        (Promise(5.0), "no limit", "no limit: closure 0.0991° over 5 s (95 %), 1.0 × noise, 40 segments"),
+        (Promise(5.0), "no limit", "no limit: held-out turns close to 0.0573°"),
     ],
 )
 def test_without_a_limit_it_is_twice_what_the_data_sheet_promises(sheet, answer, says):
-    """Of tilts about two axes alike 5 % are above sqrt(-ln 0.05) = 1.73 times their rms."""
     found = decide(judged(), [], None, promise=sheet)
     assert (found.answer, found.headline) == (answer, says)
     assert decide(judged(), [], 0.06, promise=sheet).answer == "pass"  # a limit that is given decides
@@ -374,8 +373,8 @@ def test_turns_runs_and_noise_contradict_below_one_in_a_hundred(p, contradicted)
         NOISE: model_tests(FINE, {}, noise(p), None, None),
     }.items():
         assert [test.name for test in contradictions(found)] == [name] * contradicted
-    assert "b.csv: p = 0.0" in model_tests(FINE, {"b.csv": p}, None, None, None)[1].says
-    assert ("differ by more than the noise" in model_tests(FINE, {}, noise(p), None, None)[1].says) == contradicted
+    assert "b.csv: p = 0.0" in model_tests(FINE, {"b.csv": p}, None, None, None)[1].description
+    assert ("differ by more than the noise" in model_tests(FINE, {}, noise(p), None, None)[1].description) == contradicted
 
 
 def test_the_probability_that_no_effect_is_missing_is_a_p_value_where_it_decides():
@@ -390,7 +389,7 @@ def test_an_effect_contradicts_where_it_is_there_with_95_percent():
     """With prior odds of 1 to 30, odds of 570."""
     tests = [model_tests(FINE, {}, None, odds(np.log(each)), None) for each in (571, 569, 31, 29)]
     (found,) = contradictions(tests[0])
-    assert (found.name, found.says) == (EFFECT, "an effect is probably missing: gyro.bias_drift (probability that none is 0.05)")
+    assert (found.name, found.description) == (EFFECT, "an effect is probably missing: gyro.bias_drift (probability of none 0.050)")
     assert contradictions(tests[1]) == []
     # From there to even odds, 30 to 1 with the prior ones, it is open, as names of explain are more probable than not.
     assert [each[1].leaves_open for each in tests] == [False, True, True, False]

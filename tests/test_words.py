@@ -11,7 +11,7 @@ from session import VERSION
 from session.base.console import PlainConsole
 from session.detect.findings import Finding
 from tinygc.reporting.fit_screen import next_line
-from tinygc.reporting.tables import findings_table, verdict_line
+from tinygc.reporting.tables import finding_lines, verdict_line
 from tinygc.verdict.model_tests import ModelTest
 
 
@@ -28,30 +28,31 @@ def printed(renderable) -> list[str]:
 def test_the_first_look_has_the_worst_first_each_level_in_its_order():
     levels = ["ok", "note", "error", "ok", "warning", "error"]
     findings = [Finding(level, f"log{number}.csv", "what", "says", "do it") for number, level in enumerate(levels)]
-    rows = [line.split()[:2] for line in printed(findings_table(findings))[2:]]
+    rows = [line.split()[:2] for line in printed(finding_lines(findings, everything=True)) if "do:" not in line]
+    rows = [[level, where.rstrip(":")] for level, where in rows]
     places = [("error", 2), ("error", 5), ("warning", 4), ("note", 1), ("ok", 0), ("ok", 3)]
     assert rows == [[level, f"log{number}.csv"] for level, number in places]
     assert str(verdict_line(findings)) == (
-        "FAIL: fix these errors before fitting (2 errors, 1 warning, 1 note, 2 ok): log2.csv: what: says; do it"
+        "FAIL: fix 2 errors before fitting (2 errors, 1 warning, 1 note, 2 ok): log2.csv: what: says; do it"
     )
     assert str(verdict_line(findings[:1])) == "READY (1 ok)"
-    assert str(verdict_line([])) == "READY (nothing was looked at)"
+    assert str(verdict_line([])) == "READY (nothing was checked)"
 
 
 def test_check_begins_with_its_verdict_and_ends_with_what_to_do_next(run, folder):
     """Between them stands what is not ok; ``--all`` shows the rest; quiet, the verdict and the worst in full."""
     code, out, _ = run("check", folder)
-    verdict, *between, introduction, following = out.strip().splitlines()
+    verdict, *between, following = out.strip().splitlines()
     assert (code, verdict.startswith("READY")) == (0, True)
-    assert (introduction, following) == ("next:", f"  python calibrate.py fit {folder}")
+    assert following == f"next: python calibrate.py fit {folder}"
     assert not [line for line in between if line.startswith("ok")]
     assert run("check", folder, "--quiet")[1].startswith(verdict + ": ")
     spoil(folder, lambda lines: lines[:2])
     code, out, _ = run("check", folder)
-    verdict, first, *_, introduction, following = out.strip().splitlines()
-    assert (code, verdict.startswith("FAIL: fix these errors before fitting (1 error")) == (2, True)
+    verdict, first, *_, following = out.strip().splitlines()
+    assert (code, verdict.startswith("FAIL: fix 1 error before fitting (1 error")) == (2, True)
     assert (first.startswith("error"), "no samples" in first) == (True, True)
-    assert (introduction, following) == ("next: correct the errors, then", f"  python calibrate.py check {folder}")
+    assert following == f"next: correct the errors, then python calibrate.py check {folder}"
 
 
 # the rest
@@ -71,8 +72,8 @@ def test_what_fit_says_to_run_next_has_the_effects_that_it_was_given(tmp_path):
         result = SimpleNamespace(session=SimpleNamespace(folder=Path("s")), file_to_use="m.json", tests=tests, allowed=None)
         return next_line(result, SimpleNamespace(passed=True), effects).plain
 
-    assert says() == "next:\n  python calibrate.py explain s"
+    assert says() == "next: python calibrate.py explain s"
     assert (
         says(Path("one/explain/effects"), Path("my own"))
-        == "next:\n  python calibrate.py explain s --effects one/explain/effects --effects 'my own'"
+        == "next: python calibrate.py explain s --effects one/explain/effects --effects 'my own'"
     )

@@ -15,7 +15,7 @@ from typing import Any
 
 from session.base.errors import FormatError
 from session.base.options import declared
-from session.base.texts import printable
+from session.base.texts import printable, significant
 
 SCHEMA = "tinygc-defaults/1"
 NAME = "tinygc.toml"
@@ -71,7 +71,8 @@ def defaults_json(args: Any) -> dict:
 
 def limit_text(args: Any) -> str:
     """Return ``--limit``, and its source if that is not the command line."""
-    return f"--limit {args.limit_deg:g} deg" + ("" if args.defaults is None else f" (limits.closure_deg of {args.defaults['file']})")
+    source = "" if args.defaults is None else f" (limits.closure_deg of {args.defaults['file']})"
+    return f"--limit {significant(args.limit_deg)} deg{source}"
 
 
 def _read(path: Path) -> dict[str, Any]:

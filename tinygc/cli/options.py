@@ -79,7 +79,7 @@ class Pictures(Record):
 
 
 @dataclass(frozen=True)
-class Judged(Limit):
+class VerdictOptions(Limit):
     """Options of a command whose exit code is its verdict on a calibration."""
 
     strict: bool = option(False, "exit 1 for all but PASS without doubts", rare=True)

@@ -267,7 +267,7 @@ def run_each(args: Any, one: Callable[[Any], Done], schema: str, title: str) -> 
             code = error.exit_code if isinstance(error, CalibrationError) else 2
             complain(said if str(folder) in said else f"{folder}: {said}")
             entries.append({"folder": str(folder), "exit_code": code, "error": printable(said), "result": None})
-            rows.append((str(folder), "–", "–", "–", "FAILED: as said above"))
+            rows.append((str(folder), "–", "–", "–", "FAILED"))
         else:
             code = done.code
             entries.append({"folder": str(folder), "exit_code": code, "error": None, "result": done.table})

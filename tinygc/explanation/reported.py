@@ -42,7 +42,7 @@ from tinygc.noise.stillness import stillness
 from tinygc.noise.thinned import conditions
 from tinygc.noise.twin import State, Twin
 from tinygc.noise.whitening import Whitener
-from tinygc.verdict.acceptance import Acceptance, JudgedFit
+from tinygc.verdict.acceptance import Acceptance, CandidateFit
 
 # Effects beyond the linear model, measured in every report: g-sensitivity and scale-factor asymmetry, each with its uncertainty.
 #
@@ -97,7 +97,7 @@ LINEAR, PHYSICS = "least_squares", "physics"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Adopted(JudgedFit):
+class Adopted(CandidateFit):
     """Calibration that is reported: what its verdict looks at, and more.
 
     name (least_squares or physics); model, whose parameters are 12 linear ones, then the effects'; claims: the effects in it; quantities in
@@ -156,19 +156,19 @@ def adopt(fit: FitResult, explanation: Explanation | None) -> Adopted:
         if tilt_rms(proof.after) < tilt_rms(proof.before):
             claims = tuple(claim for claim in proof.fit.state.claims if claim.effect.kind == "rate")
             known = conditions(problem)
-            tested = fit.judged_by(explanation.twin.original, proof.after, proof.after_numbers, (proof.fit, claims, known))
-            assert tested.covariance is not None  # ``judged_by`` gives one
+            candidate = fit.candidate_of(explanation.twin.original, proof.after, proof.after_numbers, (proof.fit, claims, known))
+            assert candidate.covariance is not None  # ``candidate_of`` gives one
             return Adopted(
-                **vars(tested) | {"run_losses": losses},
+                **vars(candidate) | {"run_losses": losses},
                 name=PHYSICS,
-                model=model_at(tested.vector, claims, known),
+                model=model_at(candidate.vector, claims, known),
                 claims=claims,
-                quantities=field_facts(tested.vector[:PARAMETERS], tested.covariance[:PARAMETERS, :PARAMETERS], tested.unobserved),
+                quantities=field_facts(candidate.vector[:PARAMETERS], candidate.covariance[:PARAMETERS, :PARAMETERS], candidate.unobserved),
                 accelerometer=problem.session.config.accelerometer,
             )
     linear = fit.linear.linear
     return Adopted(
-        **vars(fit.judged_by(fit.problem, fit.linear.held_out)) | {"run_losses": losses},
+        **vars(fit.candidate_of(fit.problem, fit.linear.held_out)) | {"run_losses": losses},
         name=LINEAR,
         model=linear,
         claims=(),

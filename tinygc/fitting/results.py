@@ -31,7 +31,7 @@ from tinygc.estimation.systematic import Systematic
 from tinygc.inference.decide import KINDS
 from tinygc.inference.solve import Source
 from tinygc.models.linear import LinearModel
-from tinygc.verdict.acceptance import Acceptance, JudgedFit, decide, promise_of, run_p_values, too_good, too_wide
+from tinygc.verdict.acceptance import Acceptance, CandidateFit, decide, promise_of, run_p_values, too_good, too_wide
 from tinygc.verdict.model_tests import GRAVITY, ModelTest, model_tests
 
 if TYPE_CHECKING:
@@ -125,24 +125,24 @@ class FitResult:
         return model_to_use(self.methods, self.against_raw, {name: [s.number for s in p.used] for name, p in problems.items()})
 
     @cached_property
-    def judged(self) -> JudgedFit:
+    def candidate(self) -> CandidateFit:
         """The figures that the verdict looks at: those of named physics where that is the model to use, else of least squares."""
         physics, name = self.physics, self.use.method
         # Another than least squares closes by its own errors, and within the same uncertainties.
         left = [found[name] for found in self.run_errors] if name in self.methods else None
         if physics is not None and name in PHYSICS:
             terms = physics.fit, physics.model.claims, physics.model.known
-            return self.judged_by(physics.problem, self.methods[name].held_out, terms=terms, left=left)
-        return self.judged_by(self.problem, self.methods.get(name or "", self.linear).held_out, left=left)
+            return self.candidate_of(physics.problem, self.methods[name].held_out, terms=terms, left=left)
+        return self.candidate_of(self.problem, self.methods.get(name or "", self.linear).held_out, left=left)
 
-    def judged_by(
+    def candidate_of(
         self,
         problem: Problem,
         angles: np.ndarray,
         numbers: list[int] | None = None,
         terms: tuple[Refit, tuple[AppliedEffect, ...], Conditions] | None = None,
         left: list[np.ndarray] | None = None,
-    ) -> JudgedFit:
+    ) -> CandidateFit:
         """The figures of the linear model, or of a fit with effects under their conditions.  angles (S, d) rad, held out, of the segments
         with these numbers, those of the problem if None; left: errors of the closure runs, by the model itself if None."""
         errors: Callable[[np.ndarray, ClosureRun], np.ndarray]
@@ -154,7 +154,7 @@ class FitResult:
             fit, claims, known = terms
             vector, covariance = fit.state.vector[rows_of_rates(fit.state)], rate_covariance(fit, self.session.clock)
             errors, chance = errors_with_physics(claims, known, fit.state.earth_t), (fit.p_value, None)
-        return JudgedFit(
+        return CandidateFit(
             angles,
             [segment.number for segment in problem.used] if numbers is None else numbers,
             vector,
@@ -187,7 +187,7 @@ class FitResult:
         if limit_deg not in self._verdicts:
             is_linear = self.use.method not in PHYSICS
             more = [KINDS["partly_explained"].word] if not is_linear and self.physics is not None and self.physics.refused else []
-            self._verdicts[limit_deg] = self.decided(self.judged, is_linear, limit_deg, more)
+            self._verdicts[limit_deg] = self.decided(self.candidate, is_linear, limit_deg, more)
         return self._verdicts[limit_deg]
 
     @cached_property
@@ -195,12 +195,12 @@ class FitResult:
         """By limit, deg: the screen, the files and the exit code have the same."""
         return {}
 
-    def decided(self, judged: JudgedFit, is_linear: bool, limit_deg: float | None = None, doubts: Sequence[str] = ()) -> Acceptance:
+    def decided(self, candidate: CandidateFit, is_linear: bool, limit_deg: float | None = None, doubts: Sequence[str] = ()) -> Acceptance:
         """The verdict on a calibration of this session.  is_linear: whether it is the linear model, of which ``tests`` are; doubts beside
         this session's own, and beside those of an effect that the linear model lacks and that may have moved it too far."""
         wide = [] if self.allowed is None or not is_linear else too_wide(self.allowed.tilt_rms, limit_deg, self.against_raw)
         return decide(
-            judged,
+            candidate,
             [run.file for run in self.runs],
             limit_deg,
             self.against_raw,
@@ -225,7 +225,7 @@ class FitResult:
     @cached_property
     def tests(self) -> tuple[ModelTest, ...]:
         """Whether the recording contradicts the linear model."""
-        runs = dict(zip((run.file for run in self.runs), self.without_physics.judged.run_p, strict=True))
+        runs = dict(zip((run.file for run in self.runs), self.without_physics.candidate.run_p, strict=True))
         return model_tests(self.goodness, runs, self.noise, self.allowed, self.accelerometer)
 
     @cached_property

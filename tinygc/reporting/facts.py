@@ -31,6 +31,10 @@ KINDS = {"dim": "soft", "yellow": "warning"}
 THOUSANDS = re.compile(r"(?<![\d.\w])\d{4,}(?!\w)")
 
 
+#: columns that a sentence is left in a table that is too wide
+SENTENCE = 12
+
+
 @dataclass(frozen=True, eq=False)
 class Table:
     """A table: title; header; rows of cells as ``words`` takes them; caption; left: columns of words, by their places; styles of rows by
@@ -46,7 +50,8 @@ class Table:
     kind: str = ""
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        """For a terminal: a row is a line; where it is too narrow, the minor columns are left out, the last one first."""
+        """For a terminal: a row is a line; where it is too narrow, the minor columns are left out, the last one first.  Only columns of
+        sentences wrap."""
         rows = [[cell if isinstance(cell, Text) else Text(printable(words(cell))) for cell in row] for row in self.rows]
         cells = [[name, *(row[place].plain for row in rows if place < len(row))] for place, name in enumerate(self.header)]
         widths = [max(map(cell_len, each)) for each in cells]
@@ -55,9 +60,13 @@ class Table:
             if sum(widths[each] + 1 for each in shown) - 1 > options.max_width:
                 shown.remove(place)
         table = RichTable(box=None, padding=(0, 1, 0, 0), pad_edge=False, show_header=any(self.header))
+        room = 0
         for place in shown:
-            words_only = place in self.left
-            table.add_column(self.header[place], justify="left" if words_only else "right", no_wrap=not words_only, overflow="fold")
+            wraps = place in self.left and any(" " in cell for cell in cells[place][1:])
+            least = min(widths[place], SENTENCE) if wraps else widths[place]
+            table.add_column(self.header[place], justify="left" if place in self.left else "right", no_wrap=not wraps, min_width=least)
+            room += least + 1
+        table.width = room if room > options.max_width else None
         for number, row in enumerate(rows):
             table.add_row(*(row[place] for place in shown if place < len(row)), style=self.styles.get(number, ""))
         if self.title:
@@ -76,7 +85,7 @@ class Table:
         return markup.table([typeset(cell) for cell in self.header], rows, typeset(said), self.kind, marked, self.minor)
 
 
-def errors_table(title: str, facts: Sequence[Fact], said: Sequence[str] = (), meanings: Mapping[str, str] | None = None) -> Table:
+def errors_table(title: str, facts: Sequence[Fact], notes: Sequence[str] = (), meanings: Mapping[str, str] | None = None) -> Table:
     """Errors of a sensor by axis: value ± one sigma; meanings of the terms: for a page, which states the expanded uncertainty, in brackets
     what one effect that the model lacks may add, and k."""
     rows: dict[str, tuple[list[str], set[str]]] = {}
@@ -94,9 +103,9 @@ def errors_table(title: str, facts: Sequence[Fact], said: Sequence[str] = (), me
             factors.add(f"{q.factor:.2f}")
         cells.append(text if len(axis) == 1 else f"{axis} {text}")
     if meanings is None:
-        return Table(title, ("", "x", "y", "z"), [[label, *cells, "", ""][:4] for label, (cells, _) in rows.items()], "; ".join(said))
+        return Table(title, ("", "x", "y", "z"), [[label, *cells, "", ""][:4] for label, (cells, _) in rows.items()], " ".join(notes))
     found = [[*[label, *cells, "", ""][:4], "–".join(sorted({min(k), max(k)})) if k else ""] for label, (cells, k) in rows.items()]
-    return Table(title, ("", "x", "y", "z", "k"), found, "; ".join(said), kind="parameters")
+    return Table(title, ("", "x", "y", "z", "k"), found, " ".join(notes), kind="parameters")
 
 
 class Drawn(Protocol):

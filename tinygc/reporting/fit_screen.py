@@ -1,7 +1,4 @@
-"""The first screen of a fit: verdict, closure of each method, sensor errors, the numbers to copy, what to do next.
-
-It fits 80 columns and 32 lines; ``fit --verbose`` and the report have the rest.
-"""
+"""The first screen of a fit: verdict, closure of each method, sensor errors, what to do next; ``--verbose`` has the rest."""
 
 from __future__ import annotations
 
@@ -9,36 +6,33 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from session.base.texts import command_line
-from session.detect.stamp_errors import STAMPS
 from tinygc.fitting.results import FitResult
 from tinygc.inference.decide import KINDS
 from tinygc.reporting.facts import screen
 from tinygc.reporting.fit_text import TITLES, closure_table, parameters_table
 from tinygc.reporting.terminal import Group, Text, one_line
-from tinygc.verdict.acceptance import Acceptance
+from tinygc.verdict.acceptance import GIVEN, Acceptance
 from tinygc.verdict.model_tests import contradictions
-
-#: columns of the screen
-COLUMNS = 80
 
 
 def fit_screen(result: FitResult, decision: Acceptance) -> Group:
-    """Verdict, closure, sensor errors and the correction of a fit."""
-    return screen(
-        [*verdict_lines(decision), closure_table(result, brief=True), parameters_table(result), _correction(result), *_remarks(result)]
-    )
+    """Verdict, closure, sensor errors and what costs accuracy."""
+    return screen([*verdict_lines(decision), closure_table(result, brief=True), parameters_table(result, brief=True), *_remarks(result)])
 
 
 def verdict_lines(decision: Acceptance, reasons: bool = False) -> list[Text]:
-    """The verdict, and in small print the rule, what it risks and what is in doubt; reasons: with each figure, and whether it meets the
-    rule."""
-    met = {True: "met", False: "not met", None: "not decided"}
-    more = [f"  {met[each]}: {reason}" for each, reason in decision.reasons] if reasons else []
-    more += [*decision.risks, *(f"in doubt: {doubt}" for doubt in decision.doubts if reasons or doubt not in decision.headline)]
-    return [one_line(decision.headline, KINDS[decision.answer].style), *(one_line(line, "dim") for line in (decision.rule, *more))]
+    """The verdict with its reasons, and in small print the rule and what it risks; reasons: with each figure, whether it meets the rule."""
+    style = KINDS[decision.answer].style
+    lines = [one_line(decision.headline, style), *(one_line(text, style) for text in decision.further)]
+    small = [decision.rule, *(decision.risks if reasons or decision.limit_from != GIVEN else [])]
+    if reasons:
+        met = {True: "met", False: "not met", None: "not decided"}
+        small += [f"  {met[each]}: {reason}" for each, reason in decision.reasons]
+        small += [f"  limit {decision.limit_deg:.4g}°: {decision.limit_from}"] if decision.limit_deg is not None else []
+    return [*lines, *(one_line(line, "dim") for line in small)]
 
 
-def _correction(result: FitResult) -> Text:
+def correction(result: FitResult) -> Text:
     """E and B of least squares, to copy."""
     model = result.linear.linear
     rows = ["[" + ", ".join(f"{value:.7f}" for value in row) + "]" for row in model.E]
@@ -47,48 +41,43 @@ def _correction(result: FitResult) -> Text:
 
 
 def _remarks(result: FitResult) -> list[Text]:
-    """What costs accuracy, in one line; ``--verbose`` has it in full."""
-    warned = [w for w in result.warnings if w.level == "warning"]
-    said = list(dict.fromkeys(f"{w.where}: {w.what}" for w in warned if w.what not in STAMPS))
-    said += [f"{TITLES[name]}: {why}" for name, why in result.not_run.items()]
+    """What costs accuracy."""
+    warned = [f"{w.where}: {w.says}" for w in result.warnings if w.level == "warning"]
+    found = [*dict.fromkeys(warned), *(f"{TITLES[name]}: {why}" for name, why in result.not_run.items())]
     if left_out := sum(not segment.accepted for segment in result.problem.segments):
-        said.append(f"{left_out} segment{'s' * (left_out > 1)} left out")
-    lines = [one_line(w.line, "yellow") for w in warned if w.what in STAMPS]
-    lines += [one_line(f"see --verbose: {'; '.join(said)}", "yellow")] if said else []
+        found.append(f"{left_out} turn{'s' * (left_out > 1)} left out")
     if words := result.session.config.sensor.clock_words:
-        lines.append(one_line(f"{words}, which is in every scale's sigma; `fit --clock arrivals` takes it out", "yellow"))
-    if result.prior is not None:
-        lines.append(one_line(result.prior.words, "" if result.prior.used == "yes" else "yellow"))
-    return lines
+        found.append(f"{words}, included in every scale's sigma; `fit --clock arrivals` takes it out")
+    if result.prior is not None and result.prior.used != "yes":
+        found.append(result.prior.words)
+    return [one_line(text, "yellow") for text in found] + (
+        [one_line(result.prior.words)] if result.prior is not None and result.prior.used == "yes" else []
+    )
 
 
 def files_line(result: FitResult, folder: Path, decision: Acceptance) -> Text:
     """Name the model's file, and whether to use it."""
     if result.file_to_use is None:
-        return one_line(f"files: {folder}; use none of the models: {result.use.why}", "bold red")
-    if missing := missing_of(result):
-        return one_line(f"files: {folder} (the best so far: {result.file_to_use}; an effect is probably missing: {missing})", "bold yellow")
-    if decision.answer in ("pass", "doubtful pass"):
-        return one_line(f"use {folder / result.file_to_use}", "bold green")
-    return one_line(f"files: {folder} (the best model: {result.file_to_use})")
+        return one_line(f"do not use the models in {folder}: {result.use.why}", "bold red")
+    path = folder / result.file_to_use
+    if decision.answer in ("pass", "doubtful pass") and not missing_of(result):
+        return one_line(f"use {path}", "bold green")
+    return one_line(f"best so far: {path}")
 
 
 def next_line(result: FitResult, decision: Acceptance, effects: Sequence[Path] = ()) -> Text:
-    """Suggest what to run next; effects: folders of effects given to the fit, which the next command needs, too."""
+    """What to run next; effects: folders of effects given to the fit, which the next command needs, too."""
     folder = result.session.folder
     if result.file_to_use is None:
-        return Text("next: record more turns, to more attitudes; look for errors with\n").append(
-            one_line(f"  {command_line('check', folder)}")
-        )
+        return one_line(f"next: record more turns, to more attitudes; {command_line('check', folder)}")
     if missing_of(result):
-        return Text("next:\n").append(one_line(f"  {command_line('fit', folder, '--physics', 'auto', *_given(effects))}"))
+        return one_line(f"next: {command_line('fit', folder, '--physics', 'auto', *_given(effects))}")
     unexplained = bool(contradictions(result.tests)) or not decision.passed
-    return Text("next:\n").append(one_line(f"  {command_line('explain' if unexplained else 'report', folder, *_given(effects))}"))
+    return one_line(f"next: {command_line('explain' if unexplained else 'report', folder, *_given(effects))}")
 
 
 def missing_of(result: FitResult) -> str:
-    """Name the effects that the model probably lacks, such as ``gyro.bandwidth or timing.axis_skew``; empty without one, or where named
-    physics were fitted."""
+    """Name the effects that are probably missing, such as ``gyro.bandwidth or timing.axis_skew``; empty without one or with physics."""
     return "" if result.allowed is None or result.physics is not None else " or ".join(result.allowed.suspected)
 
 

@@ -139,26 +139,24 @@ def sensor_errors(result: FitResult) -> list[Fact]:
     return field_facts(result.linear.linear.vector, result.covariance, result.linear.unobserved, moved)
 
 
-def parameters_table(result: FitResult) -> Table:
-    """Table of the sensor errors by least squares."""
-    quantities, said = sensor_errors(result), []
+def parameters_table(result: FitResult, brief: bool = False) -> Table:
+    """Table of the sensor errors by least squares; brief: for the first screen."""
+    quantities, notes = sensor_errors(result), []
     if result.allowed is not None:
         most = [max(q.moved for q in quantities if q.word == word) for word in ("scale factor error", "misalignment", "bias")]
-        said.append(
-            f"further, by one effect that the model lacks, up to: scale {most[0]:.0f} ppm, misalignment {most[1]:.3f} mrad, "
-            f"bias {most[2]:.4f} dps"
-        )
-    spread = result.spread.at(ZERO)
-    any_session = spread.any_session(np.diag(result.covariance)[BIAS]).max() / DEG
-    own = "this bias is of this session; " if spread.is_usual else ""
-    said.append(f"{own}the bias of any other session: ± {any_session:.3f} dps ({spread.source})")
+        sizes = f"{most[0]:.0f} ppm, {most[1]:.3f} mrad and {most[2]:.4f} dps"
+        notes.append(f"If one effect is missing, add up to {sizes}.")
+    if not brief:
+        spread = result.spread.at(ZERO)
+        any_session = spread.any_session(np.diag(result.covariance)[BIAS]).max() / DEG
+        notes.append(f"In another session the bias differs by ± {any_session:.3f} dps ({spread.source}).")
     shown = [q for q in quantities if q.word in ("scale factor error", "misalignment", "bias")]
-    return errors_table("Sensor errors (least squares): value ± one sigma", shown, said)
+    return errors_table("Sensor errors (least squares): value ± one sigma", shown, notes)
 
 
 def accelerometer_table(found: AccelerometerFit, title: str) -> Table:
     """Table of scale, nonorthogonality and bias, each with one sigma."""
-    said = [test.says for test in gravity_test(found)]
+    said = [test.description for test in gravity_test(found)]
     said += [f"in any other session: {found.any_session_words}"] if found.any_session_words else []
     table = errors_table(title, found.facts, said)
     if found.drift is None:

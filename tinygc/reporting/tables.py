@@ -23,21 +23,14 @@ UNIT = re.compile(r"unit [0-9]+(?=:|$)")
 LEVEL_STYLES = {"ok": "green", "note": "cyan", "warning": "yellow", "error": "bold red"}
 
 
-def findings_table(findings: list[Finding]) -> Table:
-    """Table of findings, one row per check, the worst first; findings of one level keep the order of the checks."""
-    ranked = sorted(findings, key=lambda finding: -LEVELS.index(finding.level))
-    rows = [(Text(each.level, LEVEL_STYLES[each.level]), each.where, each.what, each.says, each.do) for each in ranked]
-    return Table("First look", ("", "where", "what", "it says", "do"), rows, left=range(5))
-
-
-def finding_lines(findings: list[Finding]) -> Group:
-    """What is not ok, the worst first: each finding, and below it what to do."""
+def finding_lines(findings: list[Finding], everything: bool = False) -> Group:
+    """Each finding that is not ok, or every one, the worst first, those of one level in their order; below it what to do."""
     parts: list[RenderableType] = []
     for finding in sorted(findings, key=lambda finding: -LEVELS.index(finding.level)):
-        if finding.level == "ok":
+        if finding.level == "ok" and not everything:
             continue
-        says = f"{finding.where}: {finding.what}: {finding.says}"
-        parts.append(Text.assemble((finding.level, LEVEL_STYLES[finding.level]), "  ", one_line(says)))
+        text = f"{finding.where}: {finding.what}: {finding.says}"
+        parts.append(Text.assemble((finding.level, LEVEL_STYLES[finding.level]), "  ", one_line(text)))
         if finding.do:
             parts.append(Text.assemble("    do: ", one_line(finding.do), style="dim"))
     return Group(*parts)
@@ -47,15 +40,13 @@ def next_line(folder: Path, findings: list[Finding]) -> Text:
     """Suggest the next step."""
     by_arrivals = f"--clock {CLOCKS[1]}"  # where it was taken, or is advised
     again = by_arrivals.split() if not unit_lines(findings) and any(by_arrivals in finding.line for finding in findings) else []
-    if worst(findings) == "error":
-        from session.detect.repair import can_be_repaired  # late: only errors are repaired
+    if worst(findings) != "error":
+        return one_line(f"next: {command_line('fit', folder, *again)}")
+    from session.detect.repair import can_be_repaired  # late: only errors are repaired
 
-        repaired = command_line("check", folder, "--repair", "OUT")
-        by_itself = Text("next: the cause of an error is known; a corrected copy is written by\n").append(one_line(f"  {repaired}"))
-        if can_be_repaired(findings) and not unit_lines(findings):
-            return by_itself
-        return Text("next: correct the errors, then\n").append(one_line(f"  {command_line('check', folder, *again)}"))
-    return Text("next:\n").append(one_line(f"  {command_line('fit', folder, *again)}"))
+    if can_be_repaired(findings) and not unit_lines(findings):
+        return one_line(f"next: {command_line('check', folder, '--repair', 'OUT')} writes a corrected copy")
+    return one_line(f"next: correct the errors, then {command_line('check', folder, *again)}")
 
 
 def repair_report(done: Repaired, before: dict[str, Any], after: dict[str, Any]) -> Group:
@@ -64,8 +55,8 @@ def repair_report(done: Repaired, before: dict[str, Any], after: dict[str, Any])
 
     parts: list[Part] = []
     for change in done.changes:
-        said = ", ".join([*change.files, *(f"sensor.{key} = {value:g}" for key, value in change.cause.settings)])
-        parts.append(one_line(f"corrected: {change.cause.says} ({said})"))
+        changed = ", ".join([*change.files, *(f"sensor.{key} = {value:g}" for key, value in change.cause.settings)])
+        parts.append(one_line(f"corrected: {change.cause.says} ({changed})"))
     both = (before, after)
     runs = [{run["file"]: run["rmse_deg"] for run in each["runs"]} for each in both]
     rows = [["turns that can be used", *(None if each["why"] else each["turns"] for each in both)]]
@@ -80,8 +71,8 @@ def repair_report(done: Repaired, before: dict[str, Any], after: dict[str, Any])
     parts.append(Table("Closure of the recording itself, degrees", ("", "before", "after"), rows))
     parts += [one_line(f"{when}: {each['why']}") for when, each in zip(("before", "after"), both, strict=True) if each["why"]]
     folder = done.folder
-    parts += [one_line(f"written: {folder} (repaired.json says from which files)"), verdict_line(list(done.findings))]
-    return screen([*parts, next_line(folder, list(done.findings))])
+    parts.append(one_line(f"written: {folder} (repaired.json names the files)"))
+    return screen([verdict_line(list(done.findings)), *parts, next_line(folder, list(done.findings))])
 
 
 def unit_lines(findings: list[Finding]) -> list[Text]:
@@ -95,20 +86,20 @@ def unit_lines(findings: list[Finding]) -> list[Text]:
 
 
 def verdict_line(findings: list[Finding], with_worst: bool = True) -> Text:
-    """Whether it can be fitted, the count of findings by level, and the worst in full, unless it stands below.  Whether the calibration
-    passes is for ``fit`` to say."""
+    """Whether it can be fitted, the count of findings by level, and the worst in full, unless it stands below."""
     counts = [(sum(finding.level == level for finding in findings), level) for level in reversed(LEVELS)]
     counted = ", ".join(f"{n} {level if n == 1 or level == 'ok' else level + 's'}" for n, level in counts if n)
     level = worst(findings)
+    number = sum(finding.level == level for finding in findings)
     words = {
-        "error": "FAIL: fix these errors before fitting",
-        "warning": "READY, with warnings: it costs accuracy",
+        "error": f"FAIL: fix {number} error{'s' * (number > 1)} before fitting",
+        "warning": f"READY, but {number} warning{'s cost' if number > 1 else ' costs'} accuracy",
         "note": "READY",
         "ok": "READY",
     }
     first = next((finding.line for finding in findings if finding.level == level), "")
     more = f": {first}" if level in ("error", "warning") and with_worst else ""
-    return one_line(f"{words[level]} ({counted or 'nothing was looked at'}){more}", LEVEL_STYLES[level])
+    return one_line(f"{words[level]} ({counted or 'nothing was checked'}){more}", LEVEL_STYLES[level])
 
 
 # List of sessions in the terminal.
@@ -117,7 +108,7 @@ COLUMNS = ("session", "recorded", "sensor", "logs", "segments", "held out", "flo
 
 
 def sessions_table(folder: Path, sessions: list[ListedSession]) -> list[Part]:
-    """Table of sessions, one row each, and the errors of those that cannot be read."""
+    """How many sessions there are, their table, one row each, and the errors of those that cannot be read."""
     if not sessions:
         return [f"{folder}: no session here (folders with session.toml); {command_line('record')} or import makes one"]
     rows = []
@@ -130,8 +121,10 @@ def sessions_table(folder: Path, sessions: list[ListedSession]) -> list[Part]:
         answer = Text("cannot be read", "red") if each.problem else each.verdict and each.verdict.replace("_", " ")
         rows.append([name, recorded, sensor or None, logs, each.segments or None, *figures, each.method, answer])
     problems = [one_line(each.problem, "red") for each in sessions if each.problem]
+    fitted, unread = sum(each.held_out_deg is not None for each in sessions), len(problems)
+    counted = f"{len(sessions)} session{'s' * (len(sessions) > 1)}, {fitted} fitted" + (f", {unread} cannot be read" if unread else "")
     caption = "closure in degrees: held-out tilt rms; RMSE of each closure run"
-    return [Table("", COLUMNS, rows, caption, (0, 1, 2, 8, 9), minor=(2, 3, 4, 6, 7, 8)), *problems]
+    return [counted, Table("", COLUMNS, rows, caption, (0, 1, 2, 8, 9), minor=(2, 3, 4, 6, 7, 8)), *problems]
 
 
 def degrees_text(value_deg: float | None) -> str:
@@ -141,4 +134,4 @@ def degrees_text(value_deg: float | None) -> str:
 
 def outcomes_table(title: str, rows: list[tuple[str, str, str, str, str]]) -> Table:
     """Result of one command for several folders: folder, held out, floor, closure runs, statement; all text."""
-    return Table(title, ("", "held out", "floor", "closure runs", "it says"), rows, left=(0, 4))
+    return Table(title, ("", "held out", "floor", "closure runs", "result"), rows, left=(0, 4), minor=(2, 3))

@@ -2,9 +2,9 @@
 
 With a limit, neither the held-out closure of the segments nor the error of any closure run may exceed it.  Without a limit, both must agree
 with noise (p at least 0.01), and the limit of the closure is what the sensor's data sheet promises for such turns (``promise_of``): its own
-noise would pass a noisy unit.  Where nothing promises anything there is no PASS, but the closure in words.  Either way a calibration fails
+noise would pass a noisy unit.  Without a data sheet there is no PASS, but the closure in words.  Either way a calibration fails
 if held-out segments close worse with it than with the raw rates, and does not pass where the recording contradicts the model
-(``model_tests.py``).  Requirements of session.toml, or of a file, count besides; whether a value meets its limits is decided in
+(``model_tests.py``).  Requirements of session.toml, or of a file, count as well; whether a value meets its limits is decided in
 ``inference.decide``.
 
 A pass needs evidence.  With few segments a fit follows almost anything, so held-out closure must be near its floor on enough segments.  A
@@ -56,8 +56,6 @@ NEAR_FLOOR = 2.0
 TOO_GOOD_P = 1e-4
 #: where the limit of the closure is from that ``limit_deg`` gives
 GIVEN = "limit of the closure, as it was given to the program"
-#: of tilts with this rms, about two axes alike, 95 % are below so many times it: sqrt(-ln 0.05)
-BELOW_95 = 1.73
 
 
 # What a sensor's data sheet promises for the turns of a session: the limit of their closure where nobody gives one.
@@ -78,8 +76,8 @@ GYRO_DENSITY, ACCEL_DENSITY, INSTABILITY = "gyro_noise_mdps_rthz", "accel_noise_
 
 @dataclass(frozen=True)
 class Promise:
-    """turn_s: median duration of the turns; tilt_rms, rad, that they close to by ``source``, None where nothing says how much noise the
-    sensor has; noisier: how much more this unit has, in words, empty where it has no more than units do."""
+    """turn_s: median duration of the turns; tilt_rms, rad, that they close to by ``source``, None where the sensor's noise is not
+    known; noisier: how much more this unit has, in words, empty where it has no more than units do."""
 
     turn_s: float
     tilt_rms: float | None = None
@@ -115,14 +113,14 @@ def promise_of(problem: Problem) -> Promise:
 
 
 @dataclass(frozen=True, eq=False)
-class JudgedFit:
+class CandidateFit:
     """The figures of a calibration that a verdict looks at.
 
     angles (S, d) rad held out, of the segments with these numbers; vector of its parameters; floor_rms rad of tilt that noise alone leaves;
     closure_p: p-value of the closure on fitted segments, with its degrees of freedom (None: with more data than these segments); of each
-    closure run the errors (3,) rad, the p-value, and a sentence where samples seem lost.  What requirements need besides: run_floors (3,)
+    closure run the errors (3,) rad, the p-value, and a sentence where samples seem lost.  For requirements: run_floors (3,)
     rad of each run, one sigma from noise alone; covariance (P, P) of the vector, its sources, names of parameters that are not observed,
-    and what one effect that the model lacks may have moved, None where that is not known.
+    and what one missing effect may have moved, None where that is not known.
     """
 
     angles: np.ndarray
@@ -199,9 +197,18 @@ class Acceptance:
 
     @property
     def headline(self) -> str:
-        """The answer and its reason, in one line."""
+        """The answer and its first reason, in one line."""
+        return f"{self.word}: {[*self._reasons, self.closure][0]}"
+
+    @property
+    def further(self) -> list[str]:
+        """Its other reasons."""
+        return self._reasons[1:]
+
+    @property
+    def _reasons(self) -> list[str]:
         missed = [text for met, text in self.reasons if met is False]
-        return f"{self.word}: {'; '.join(missed) or '; '.join(self.undecided) or (self.doubts[0] if self.doubts else self.closure)}"
+        return [*missed, *self.undecided, *self.doubts]
 
     @property
     def risks(self) -> list[str]:
@@ -210,7 +217,7 @@ class Acceptance:
 
 
 def decide(
-    candidate: JudgedFit,
+    candidate: CandidateFit,
     files: Sequence[str],
     limit_deg: float | None,
     raw: AgainstRaw | None = None,
@@ -224,47 +231,45 @@ def decide(
 
     files: the names of the closure runs; raw: comparison with the raw rates; accelerometer that gives the references; doubts: further
     reasons for which a pass is weak evidence; requirements: limits, of which limit_deg takes the place of those of the closure; tests of
-    this model; promise: what the sensor's data sheet says of these turns.
+    this model; promise: what the sensor's data sheet states for these turns.
     """
     tilt, times = tilt_rms(candidate.angles), tilt_rms(candidate.angles) / candidate.floor_rms
     closure_p = candidate.closure_p if np.isfinite(tilt) else float("nan")
-    held_out = f"segments, held out, rms of tilt: {degrees(tilt)}"
-    asked = requirements or Requirements()
+    held_out = f"held-out turns close to {degrees(tilt)}"
+    required = requirements or Requirements()
     if limit_deg is not None:
         closes = Requirements(dict.fromkeys((CLOSURE, CLOSURE_RUN), (-np.inf, limit_deg)), Rule(), GIVEN)
     else:
-        closes = replace(asked, limits={key: asked.limits[key] for key in (CLOSURE, CLOSURE_RUN) if key in asked.limits})
+        closes = replace(required, limits={key: required.limits[key] for key in (CLOSURE, CLOSURE_RUN) if key in required.limits})
     segments = conformity(closes, [closure_measured(candidate.angles, candidate.numbers)])
     floors = [*candidate.run_floors, *[None] * (len(files) - len(candidate.run_floors))]
     runs = conformity(closes, [run_measured(*each) for each in zip(files, candidate.run_errors, floors, strict=True)])
-    others = conformity(asked, _others(candidate, accelerometer)) if set(asked.limits) - {CLOSURE, CLOSURE_RUN} else []
+    others = conformity(required, _others(candidate, accelerometer)) if set(required.limits) - {CLOSURE, CLOSURE_RUN} else []
     promised_rad = None if promise is None else promise.tilt_rms
     rules = []
     reasons: list[tuple[bool | None, str]]
     if segments:
         reasons = [_against(held_out, segments[0])]
     else:
-        freedom = "" if candidate.closure_freedom is None else f", {candidate.closure_freedom} degrees of freedom"
-        reasons = [_by_chance(f"closure of the fitted segments{freedom}", closure_p, f"held out {significant(times, 2)} × the floor")]
+        reasons = [_by_chance("the turns close", closure_p, f"to {significant(times, 2)} times their noise floor, ")]
     if runs:
         reasons += [
-            _against(f"{f}, RMSE: {degrees(rms_of(e))}", each) for f, e, each in zip(files, candidate.run_errors, runs, strict=True)
+            _against(f"{f} is off by {degrees(rms_of(e))}", each) for f, e, each in zip(files, candidate.run_errors, runs, strict=True)
         ]
     else:
         for file, error, p in zip(files, candidate.run_errors, candidate.run_p, strict=True):
-            reasons.append(_by_chance(f"{file}: off by {degrees(rms_of(error))}", p if np.isfinite(rms_of(error)) else float("nan")))
+            size = rms_of(error)
+            reasons.append(_by_chance(f"{file} is off", p if np.isfinite(size) else float("nan"), f"by {degrees(size)}, "))
     if limit_deg is not None:
-        rules.append(f"Limit {significant(limit_deg, 3)}°: held-out closure of the segments and RMSE of each closure run at most that.")
+        rules.append(f"Rule: held-out turns and closure runs close to at most {significant(limit_deg, 3)}°.")
     elif not segments or (len(files) and not runs):
-        rules.append(
-            f"No limit given: noise must explain what is left, p at least {MISMATCH_P:g}; to be decided, held-out closure of at least "
-            f"{ENOUGH_SEGMENTS} segments at most {NEAR_FLOOR:g} times the floor"
-            + (f", and {NEAR_FLOOR:g} times {promise.source}." if promise is not None and promised_rad is not None else ".")
-        )
-    if asked.limits and (others or limit_deg is None):
-        rules.append(f"Requirements of {asked.source or 'the user'}. {rule_words(asked.rule)}")
+        least = min((p for p in (closure_p, *candidate.run_p) if np.isfinite(p)), default=float("nan"))
+        turns = f"turns {len(candidate.numbers)} (at least {ENOUGH_SEGMENTS})"
+        rules.append(f"Rule: residuals like noise ({probability(least)}, at least {MISMATCH_P:g}), {turns}.")
+    if required.limits and (others or limit_deg is None):
+        rules.append(f"Requirements of {required.source or 'the user'}. {rule_words(required.rule)}")
     rule = " ".join(rules)
-    reasons = [(met, f"{text}; {said}" if said else text) for (met, text), said in zip(reasons, ["", *candidate.run_losses], strict=True)]
+    reasons = [(met, f"{text}; {lost}" if lost else text) for (met, text), lost in zip(reasons, ["", *candidate.run_losses], strict=True)]
     by_chance = [each for each, by in zip(reasons, [segments, *[runs] * len(files)], strict=True) if not by]
     unsound = [text for met, text in by_chance if not met]
     reasons += [_against(f"{each.measured.name}: {each.value_words}", each) for each in others]
@@ -276,21 +281,21 @@ def decide(
     limit, source = limit_deg, None if limit_deg is None else GIVEN
     if segments:
         most = segments[0].limits[1]
-        limit, source = (float(most), asked.source if limit_deg is None else GIVEN) if np.isfinite(most) else (None, None)
+        limit, source = (float(most), required.source if limit_deg is None else GIVEN) if np.isfinite(most) else (None, None)
     elif promise is not None and promised_rad is not None:
         limit, source = NEAR_FLOOR * promised_rad / DEG, f"twice {promise.source}"
     against = contradictions(tests)
     decided = [*segments, *runs, *others]
     by_limit = {TURNS: segments, RUN: runs}  # without a limit they are reasons above
-    undecided = [test.says for test in against if by_limit.get(test.name, True)] + [test.says for test in tests if test.leaves_open]
+    undecided = [test.description for test in against if by_limit.get(test.name, True)]
+    undecided += [test.description for test in tests if test.leaves_open]
     unsound += undecided
     if not segments and limit is not None and tilt / DEG > limit:
         more = f"; {promise.noisier}" if promise is not None and promise.noisier else ""
-        undecided.append(f"{_over(tilt, promise)}, more than {source}, {significant(limit, 2)}°{more}")
-    closure = _closure(tilt, times, candidate, None if segments else promise, limit)
+        undecided.append(f"{held_out}, more than {significant(limit, 2)}° ({source}){more}")
+    closure = held_out if limit is None else f"{held_out} (limit {significant(limit, 2)}°)"
     if len(files):
-        which = f", worst of {len(files)} closure runs " if len(files) > 1 else ", closure run "
-        closure += which + degrees(max(map(rms_of, candidate.run_errors)))
+        closure += f", closure run{'s' * (len(files) > 1)} to {degrees(max(map(rms_of, candidate.run_errors)))}"
     found = [*_doubts(candidate, times, accelerometer), *doubts]
     if not segments and promise is not None and promise.noisier:
         found.append(f"noisier than {promise.source}: {promise.noisier}")
@@ -300,22 +305,8 @@ def decide(
     return Acceptance(passed, rule, reasons, found, bool(segments), closure, decided, undecided, unsound, limit, source, tuple(tests))
 
 
-def _over(tilt_rad: float, promise: Promise | None) -> str:
-    return f"held out {degrees(tilt_rad)}" + ("" if promise is None else f" over {promise.turn_s:.2g} s")
-
-
-def _closure(tilt_rad: float, times: float, candidate: JudgedFit, promise: Promise | None, promised_deg: float | None) -> str:
-    """What a pass closes to, in words; promise: of the data sheet, with the limit that follows, None where a limit is given."""
-    in_noise = f"{significant(times, 2)} × noise, {len(candidate.numbers)} segments"
-    if promise is None:
-        return f"held out {degrees(tilt_rad)} ({in_noise})"
-    if promised_deg is not None:
-        return f"{_over(tilt_rad, promise)} (twice {promise.source}: {significant(promised_deg, 2)}°)"
-    return f"closure {degrees(BELOW_95 * tilt_rad)} over {promise.turn_s:.2g} s (95 %), {in_noise}"
-
-
-def _others(candidate: JudgedFit, accelerometer: AccelerometerFit | None) -> list[Fact]:
-    """The values besides the closure that may have limits."""
+def _others(candidate: CandidateFit, accelerometer: AccelerometerFit | None) -> list[Fact]:
+    """The values other than the closure that may have limits."""
     found = [] if accelerometer is None else sensor_measured("accel", accelerometer.facts)
     if candidate.covariance is not None:
         vector, covariance = candidate.vector[:PARAMETERS], candidate.covariance[:PARAMETERS, :PARAMETERS]
@@ -334,19 +325,19 @@ def _undecided(each: Conformity) -> str:
     return f"required {each.limit_words}: not decided within {significant(each.band, 2)} of a limit"
 
 
-def _doubts(candidate: JudgedFit, times_floor: float, accelerometer: AccelerometerFit | None) -> list[str]:
+def _doubts(candidate: CandidateFit, times_floor: float, accelerometer: AccelerometerFit | None) -> list[str]:
     """Reasons why a pass is weak evidence.  An accelerometer's error is common to all references, so closure does not show it."""
     doubts, in_numbers = [], f"{len(candidate.numbers)} segments for {len(candidate.vector)} parameters"
     if len(candidate.numbers) < ENOUGH_SEGMENTS:
-        doubts.append(f"{in_numbers}, expected {ENOUGH_SEGMENTS} segments or more: record more turns")
+        doubts.append(f"{len(candidate.numbers)} turns for {len(candidate.vector)} parameters: record at least {ENOUGH_SEGMENTS}")
     if times_floor > NEAR_FLOOR:
-        doubts.append(f"held-out closure is {significant(times_floor)} times what noise alone leaves ({in_numbers})")
+        doubts.append(f"held-out turns close to {significant(times_floor)} times what noise alone leaves ({in_numbers})")
     if accelerometer is None:
         return doubts
     if accelerometer.unobserved:
         none = len(accelerometer.unobserved) == ACCELEROMETER_PARAMETERS
         left = f"not observed: {'all of its numbers' if none else ', '.join(accelerometer.unobserved)}"
-        doubts.append(f"accelerometer: {left}; what it errs there is in E, and closure does not show it: rest it on more sides")
+        doubts.append(f"accelerometer: {left}; its errors there are in E, unseen by the closure: rest it on more sides")
     return doubts
 
 
@@ -361,11 +352,10 @@ def _against(what: str, each: Conformity) -> tuple[bool | None, str]:
     return each.answer == "pass", f"{what}, {'within' if each.answer == 'pass' else 'above'} {significant(upper, 3)}{unit}"
 
 
-def _by_chance(what: str, p: float, size: str = "") -> tuple[bool | None, str]:
+def _by_chance(what: str, p: float, size: str) -> tuple[bool | None, str]:
     if not np.isfinite(p):
-        return None, f"{what}: no number came out"
-    met = agrees(p)
-    return met, f"{what}: {probability(p)}, " + ("noise explains it" if met else f"more than noise allows{size and f' ({size})'}")
+        return None, f"{what} by no number that is finite"
+    return agrees(p), f"{what} {size}{'as noise explains' if agrees(p) else 'more than noise explains'} ({probability(p)})"
 
 
 def agrees(p_value: float) -> bool:
@@ -378,8 +368,7 @@ def too_good(white_p: float) -> list[str]:
     if 1 - white_p >= TOO_GOOD_P:
         return []
     return [
-        "the fitted segments close better than the noise at rest allows: it is not the noise of the turns, or rates and references are "
-        "not independent"
+        "the fitted turns close better than the noise at rest allows: it is not their noise, or rates and references depend on each other"
     ]
 
 
@@ -390,7 +379,7 @@ def too_wide(tilt_rms_rad: float, limit_deg: float | None, raw: AgainstRaw) -> l
     if tilt_rms_rad / DEG <= most_deg:
         return []
     than = "what the raw rates leave" if limit_deg is None else "the limit"
-    return [f"one effect that the model lacks may have moved E and B by {degrees(tilt_rms_rad)} of a turn, more than {than}"]
+    return [f"one effect missing from the model may have moved E and B by {degrees(tilt_rms_rad)} of a turn, more than {than}"]
 
 
 # Closure runs against everything that is known to be uncertain in them.
@@ -409,13 +398,13 @@ def run_p_values(
 
     vector (P,), covariance (P, P) of the calibration, the 12 linear parameters first; errors: roll, pitch, yaw (3,) rad of a run under a
     trial vector; spread: of the unit between sessions, for a run whose clock began anew, where it is the unit's own; left: the
-    errors to judge, those of ``vector`` if None.
+    errors to test, those of ``vector`` if None.
     """
     found, sigma, session = [], sigmas_in(covariance), problem.session
     by_same = {log.path.name for log in session.closures if session.nominal_rate is None or session.rate_of(log) is not None}
     for number, run in enumerate(runs):
         error, known = errors(vector, run), covariance
-        if session.clock is not None and run.file in by_same:  # what a wrong clock does to the scale, it undoes in such a run
+        if session.clock is not None and run.file in by_same:  # what a wrong clock does to the scale cancels in such a run
             known = covariance - session.clock.covariance(vector)
         slope = np.stack([(errors(vector + step, run) - error) / step.max() for step in np.diag(sigma)], axis=1)
         drift = slope[:, BIAS] * np.sqrt(_wander_since(problem, run))
@@ -423,8 +412,8 @@ def run_p_values(
             known = known.copy()
             known[BIAS, BIAS] += spread.at(ZERO).two_draws
         expected = np.diag(run.floor_rad**2) + run.heading_covariance + slope @ known @ slope.T + drift @ drift.T
-        judged = error if left is None else left[number]
-        found.append(chi_square_above(float(judged @ np.linalg.solve(expected, judged)), 3))
+        residual = error if left is None else left[number]
+        found.append(chi_square_above(float(residual @ np.linalg.solve(expected, residual)), 3))
     return found
 
 

@@ -1,4 +1,4 @@
-"""Whether a recording contradicts the model, asked once: by what ``fit`` says, ``explain`` names, and every page prints.
+"""Whether a recording contradicts the model, tested once, for ``fit``, ``explain`` and every page.
 
 turns     closure of the fitted segments against all noise that has a cause (``stated_goodness``)
 noise     components larger than such a sensor has (``SessionNoise.beyond``): what turns and stills have beyond it is no noise of a sensor
@@ -15,7 +15,7 @@ from typing import Annotated
 import numpy as np
 
 from session.base.results import Maybe, Number, Text
-from session.base.texts import probability
+from session.base.texts import LEAST_P, probability, significant
 from tinygc.closure.joint import REFUTED_P
 from tinygc.closure.uncertainty import GoodnessOfFit
 from tinygc.estimation.accelerometer import AccelerometerFit
@@ -29,13 +29,13 @@ TURNS, RUN, NOISE, EFFECT, GRAVITY = "turns", "run", "noise", "effect", "gravity
 @dataclass(frozen=True)
 class ModelTest:
     """One test: p_value, the probability of as much without a contradiction, or of EFFECT that no effect is missing; least_p, below which
-    it contradicts the model; says: a sentence."""
+    it contradicts the model; description: a sentence."""
 
-    written = ("name", "p_value", "contradicts", "says")
+    written = ("name", "p_value", "contradicts", "description")
     name: Annotated[str, Text((TURNS, RUN, NOISE, EFFECT, GRAVITY))]
     p_value: Annotated[float, Maybe(Number(0, 1))]
     least_p: float
-    says: str
+    description: str
 
     @property
     def contradicts(self) -> bool:
@@ -58,19 +58,18 @@ def model_tests(
     """Return the tests of a linear model that can be made; runs: p-value by file; noise and allowed: None where the noise is not
     estimated."""
     p = goodness.p_value
-    found = [ModelTest(TURNS, p, MISMATCH_P, f"closure of the fitted segments, {goodness.freedom} degrees of freedom: {probability(p)}")]
+    found = [ModelTest(TURNS, p, MISMATCH_P, f"closure of the fitted turns, {goodness.freedom} degrees of freedom: {probability(p)}")]
     found += [ModelTest(RUN, p, MISMATCH_P, f"{file}: {probability(p)}") for file, p in runs.items()]
     if noise is not None:
         p, beyond = noise.unusual_p, noise.noise.beyond_words
         more = "turns or stills differ by more than the noise of such a sensor"
         differs = more if p < MISMATCH_P else "the noise may be that of such a sensor"
-        found.append(ModelTest(NOISE, p, MISMATCH_P, f"{differs}{beyond and f' ({beyond})'}: {probability(p)}"))
+        found.append(ModelTest(NOISE, p, MISMATCH_P, f"{differs}{beyond and f', {beyond}'} ({probability(p)})"))
     if allowed is not None:
         p, named = none_missing(allowed.log_odds_of_any), " or ".join(allowed.suspected)
         missing = f"an effect is probably missing: {named}" if named else "no effect of the catalogue is probable"
-        found.append(
-            ModelTest(EFFECT, p, none_missing(SURE), f"{missing} (probability that none is {'above 0.99' if p > 0.99 else f'{p:.2g}'})")
-        )
+        chance = "above 0.99" if p > 0.99 else "below 0.001" if p < LEAST_P else significant(p, 2)
+        found.append(ModelTest(EFFECT, p, none_missing(SURE), f"{missing} (probability of none {chance})"))
     return (*found, *([] if accelerometer is None else gravity_test(accelerometer)))
 
 

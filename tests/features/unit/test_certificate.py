@@ -279,7 +279,7 @@ def test_fit_report_and_certificate_have_one_u_and_one_decision(data):
     alone, key = 2 * q.sigma, "gyro_scale_factor_error_x_ppm"
     near = q.value + (alone + q.expanded) / 2
     near_it = with_fields(data, FIELDS + f"[requirements.{key}]\nlower = {q.value - 1e5}\nupper = {near}\n")
-    (one,) = (each for each in limited(replace(near_it, adopted=near_it.fit.judged)).conformities if each.measured.key == key)
+    (one,) = (each for each in limited(replace(near_it, adopted=near_it.fit.candidate)).conformities if each.measured.key == key)
     (other,) = (each for *_, of in Certificate(near_it).statements for each in of if each.measured.key == key)
     assert one.to_json() == other.to_json()
     assert (one.measured.expanded, one.answer) == (pytest.approx(q.expanded), "not decided")

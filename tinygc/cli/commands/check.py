@@ -18,7 +18,7 @@ class Options(Command, UsesEffects):
 
     folder: Path = argument("session folder, or an array's; or one with sessions, three folders deep (this one)", Path())
     strict: bool = option(False, "exit 1 on warnings", rare=True)
-    all: bool = option(False, "a table of all that was looked at, what is ok included")
+    all: bool = option(False, "all that was checked, what is ok included")
     plan: int | None = option(None, "which movements to record next, so many at most (5)", least=1, alone=5)
     repair: Path | None = option(
         None, "write the corrected copy of a session whose errors have a known cause", metavar="OUT", read=folder_written
@@ -40,13 +40,13 @@ def run(args: Options) -> int:
         return _list(args)
     from session.detect.findings import worst
     from tinygc.library.checks import check
-    from tinygc.reporting.tables import finding_lines, findings_table, next_line, unit_lines, verdict_line
+    from tinygc.reporting.tables import finding_lines, next_line, unit_lines, verdict_line
 
     findings = check(args.folder)
     console = output(args)
     for line in (verdict_line(findings, with_worst=False), *unit_lines(findings)):  # one line each, for readers by program
         console.print(line)
-    console.print(findings_table(findings) if args.all else finding_lines(findings))
+    console.print(finding_lines(findings, args.all))
     console.print(next_line(args.folder, findings))
     if worst(findings) != "error":
         verdict(args, verdict_line(findings))

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from session.base.options import folder_written, option
 from tinygc.cli.options import Command, Force
-from tinygc.cli.results import output, print_commands, write_json
+from tinygc.cli.results import output, write_json
 from tinygc.estimation.options import Seed
 
 #: the session of data/session1; ``--seed`` counts on from it
@@ -36,7 +36,6 @@ def run(args: Options) -> int:
     simulated = simulate(segments=SEGMENTS, closure_s=CLOSURE_S, seed=FIRST_SEED + args.seed)
     folder = simulated.save(args.out, force=args.force)
     console = output(args)
-    console.print(f"{folder}: a simulated session, fitted as a recorded one")
     with progress_bar(args.quiet) as progress:
         result = fit(folder, progress=progress)
     decision = result.verdict()
@@ -50,16 +49,9 @@ def run(args: Options) -> int:
     worst = max(abs(each.value - truth) / each.sigma for each, truth in zip(result.parameters.values(), true, strict=True))
     console.print(fit_screen(result.result, decision))
     console.print(files_line(result.result, saved, decision))
-    console.print(f"truth: the twelve numbers of E and B are within {worst:.1f} sigma of those that were simulated (truth.json)")
-    log, model = next(folder.glob("closure*")), saved / "model_least_squares.json"
-    print_commands(
-        args,
-        "next:",
-        command_line("report", folder),
-        command_line("explain", folder),
-        command_line("apply", model, log, "-o", "calibrated.csv"),
-        command_line("import", "LOG.csv", "--out", "mine") + "  # a log of your own",
-    )
+    console.print(f"{folder} is simulated: all 12 numbers are within {worst:.1f} sigma of the true ones (truth.json)")
+    console.print(f"next: {command_line('report', folder)}")
+    console.print(f"a log of your own: {command_line('import', 'LOG.csv')}")
     table = {"schema": "tinygc-demo/1", "folder": str(folder), "parameters": parameters, "fit": result.to_json()}
     write_json(args.json, table)
     return 0 if decision.passed else 1

@@ -8,13 +8,13 @@ from pathlib import Path
 from session.base import features
 from session.base.options import argument, folder_written, option, part
 from tinygc.cli.defaults import defaults_json, limit_text
-from tinygc.cli.options import Command, Judged, UsesEffects
+from tinygc.cli.options import Command, UsesEffects, VerdictOptions
 from tinygc.cli.results import Done, complain, inside, output, run_each, try_destinations, write_json
 from tinygc.estimation.options import ACCELEROMETERS, OF_ACCELEROMETER, FitOptions
 
 
 @dataclass(frozen=True)
-class Options(FitOptions, Judged, Command, UsesEffects):
+class Options(FitOptions, VerdictOptions, Command, UsesEffects):
     """Options of ``fit``."""
 
     folder: Path = argument("session folder; several are fitted one by one")
@@ -44,7 +44,7 @@ def _fit(args: Options) -> Done:
     if (done := features.first("fit of a folder", args)) is not None:
         return done
     from tinygc.library.fits import fit
-    from tinygc.reporting.fit_screen import files_line, fit_screen, next_line, verdict_lines
+    from tinygc.reporting.fit_screen import correction, files_line, fit_screen, next_line, verdict_lines
     from tinygc.reporting.fit_text import fit_report
     from tinygc.reporting.terminal import progress_bar
 
@@ -60,15 +60,15 @@ def _fit(args: Options) -> Done:
     if args.verbose:
         console.print(*verdict_lines(decision), sep="\n")
         console.print(fit_report(result.result))
+        console.print(correction(result.result))
     else:
         console.print(fit_screen(result.result, decision))
     console.print(files_line(result.result, folder, decision))
     console.print(next_line(result.result, decision, args.effects))
-    if result.result.against_raw.failed:
-        complain(result.result.against_raw.words)
-    elif not decision.passed:
-        missed = "; ".join(text for met, text in decision.reasons if met is False)
-        complain(f"above {limit_text(args)}: {missed}" if args.limit_deg is not None else decision.headline)
+    if console.quiet and not decision.passed:  # else the screen begins with it
+        limit = f" ({limit_text(args)})" if args.limit_deg is not None else ""
+        failed = "; ".join([decision.headline, *decision.further])
+        complain(result.result.against_raw.words if result.result.against_raw.failed else f"{failed}{limit}")
     code = 1 if not decision.passed or (args.strict and decision.answer != "pass") else 0
     return _done(code, table, use.method or use.best, decision.word)
 

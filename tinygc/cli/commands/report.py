@@ -9,14 +9,14 @@ from session.base import features
 from session.base.errors import CalibrationError
 from session.base.options import argument, file_written, option, part, values
 from tinygc.cli.defaults import defaults_json, limit_text
-from tinygc.cli.options import Command, Force, Judged, UsesEffects
+from tinygc.cli.options import Command, Force, UsesEffects, VerdictOptions
 from tinygc.cli.results import Done, complain, output, run_each, try_file, verdict, write_json
 from tinygc.estimation.options import FitOptions
 from tinygc.reporting import ReportOptions
 
 
 @dataclass(frozen=True)
-class Options(ReportOptions, FitOptions, Judged, Command, UsesEffects, Force):
+class Options(ReportOptions, FitOptions, VerdictOptions, Command, UsesEffects, Force):
     """Options of ``report``."""
 
     folder: Path = argument("session folder; of several, each gets a report of its own")

@@ -21,7 +21,7 @@ from tinygc.models.linear import BIAS, MATRIX, scale_factor_errors
 from tinygc.models.model import accelerometer_table
 from tinygc.reporting.drawing import Axis, Panel, Picture, saved
 from tinygc.reporting.facts import Part, Table, screen
-from tinygc.reporting.tables import findings_table
+from tinygc.reporting.tables import finding_lines
 from tinygc.reporting.terminal import Group, one_line
 
 # The picture of a fit over temperature: each axis' zero, up and down; the residuals; the Allan deviation; E where sessions determine it.
@@ -121,7 +121,7 @@ def temperature_report(fit: ThermalFit) -> Group:
     parts: list[Part] = [one_line(f"{fit.name}: {'; '.join(said)}", "bold")]
     if fit.rests is not None:
         problems = [finding for finding in fit.rests.findings if finding.level != "ok"]
-        parts += [findings_table(problems)] if problems else []
+        parts += [finding_lines(problems)] if problems else []
         parts += [_axes(fit.rests, "gyro"), _noise(fit.rests), _axes(fit.rests, "accel")]
     if fit.sessions is not None:
         rows = []

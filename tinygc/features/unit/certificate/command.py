@@ -35,7 +35,7 @@ def after_report(args: Any) -> Callable[[Report], dict] | None:
         return None
     from tinygc.features.unit.certificate.content import certificate, check_before
 
-    check_before(args.folder, form, own.dcc)
+    check_before(args.folder, form, own.dcc, own.as_found)
     for path in (form, own.dcc):
         if path is not None:
             try_file(path, args.json)

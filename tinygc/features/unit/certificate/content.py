@@ -517,11 +517,11 @@ def _conformities(conformities: Sequence[Conformity]) -> Table:
 # Before it is made.
 
 
-def check_before(folder: Path, form: Path | None, dcc: Path | None) -> None:
+def check_before(folder: Path, form: Path | None, dcc: Path | None, as_found: Path | None) -> None:
     """Refuse, before a fit, what its certificate would fail at.
 
     Raises CalibrationError where a certificate that is no draft lies at one of the two paths, where the time base is not calibrated, and
-    where session.toml does not have what a Digital Calibration Certificate needs; FormatError for a damaged session.toml.
+    where session.toml does not have what a Digital Calibration Certificate needs; FormatError for a damaged session.toml or model.
     """
     for path, mark in ((form, f"<title>{TITLE} "), (dcc, "digitalCalibrationCertificate")):
         if path is None or not path.is_file():
@@ -530,6 +530,8 @@ def check_before(folder: Path, form: Path | None, dcc: Path | None) -> None:
             begins = stream.read(ENOUGH)
         if mark.encode() in begins:
             raise CalibrationError(f"{path}: holds a certificate, which may be issued; move it to its place, or give another file")
+    if as_found is not None:
+        _linear(as_found)
     if (toml := folder / "session.toml").is_file():
         if dcc is not None:
             require_fields(read_config(toml))
@@ -574,7 +576,12 @@ def certificate(report: Any, as_found: Path | str | None = None) -> Certificate:
     _require_clock(report.data.fit.session)
     if as_found is None:
         return Certificate(report.data)
-    model, _ = load_with_table(as_found)
+    return Certificate(report.data, _linear(as_found), Path(as_found).name)
+
+
+def _linear(path: Path | str) -> LinearModel:
+    """The model in use until now.  Raises FormatError for another kind of model."""
+    model, _ = load_with_table(path)
     if not isinstance(model, LinearModel):
-        raise FormatError(f"{as_found}: a model of kind {model.kind}, expected a linear one; give model_least_squares.json")
-    return Certificate(report.data, model, Path(as_found).name)
+        raise FormatError(f"{path}: a model of kind {model.kind}, expected a linear one; give model_least_squares.json")
+    return model

@@ -239,14 +239,17 @@ def test_the_inflations_of_a_folder_are_those_of_its_fit_with_these_figures_as_p
 def test_each_kind_of_motion_is_one_line_with_its_largest_part_first():
     parts = {"scale": np.full(3, 1.5), "unnamed": np.full(3, 2.0), "misalignment": np.ones(3)}
     white = np.full(3, np.sqrt(1 + 1.25 + 3.0))
-    found = Inflation("turns (90° in 3 s)", white, np.ones(3), parts, "", np.full(3, 0.2), np.full(3, 3.0), white * N, np.full(3, 2e-6))
+    found = Inflation(
+        "hand turns (90° in 3 s)", white, np.ones(3), parts, "", np.full(3, 0.2), np.full(3, 3.0), white * N, np.full(3, 2e-6)
+    )
     slow, limited = sensor(axis(N=N, K=1e-7)), sensor(axis(N=N))
-    (line,) = inflation_lines([found], slow)
-    assert line == "Inflate by 2.29 ± 0.20 (at most 3.00) on turns (90° in 3 s): unnamed 2.00, scale 1.50; walk 2e-06 rad/s/√s"
-    assert inflation_lines([at_rest(figures(sensor(axis(N=N)), None))], limited) == ["At rest N holds (1.00); walk not known"]
+    assert inflation_lines([found, at_rest(figures(limited, None))], slow) == ["Kalman filter, hand turns: noise density × 2.3."]
+    line, parts = inflation_lines([found], slow, verbose=True)
+    assert line == "Kalman filter, hand turns (90° in 3 s): noise density × 2.29 ± 0.20, < 3.00"
+    assert parts == "  unnamed 2.00, scale 1.50, walk 24.8 °/h/√h".replace("24.8", f"{2e-6 / DEG * 3600 * 60:.0f}")
+    assert inflation_lines([at_rest(figures(limited, None))], limited, verbose=True) == ["Kalman filter, at rest: noise density × 1.00"]
     bad = SensorNoise((*slow.axes[:2], replace(slow.axes[2], p_value=1e-9, excess=3.0)))
     assert inflation_lines([found], bad) == []
-    # What each turn errs by need not grow with the time of a slower turn.
-    (line,) = inflation_lines([replace(found, motion="slow turning (10 °/s, corrected every 3 s)")], slow)
-    assert "scale 1.50" in line
-    assert "unnamed at most 2.00" in line
+    # What each turn is off by need not grow with the time of a slower turn.
+    _, parts = inflation_lines([replace(found, motion="slow turning (10 °/s, corrected every 3 s)")], slow, verbose=True)
+    assert "unnamed < 2.00, scale 1.50" in parts

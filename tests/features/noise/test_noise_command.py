@@ -79,7 +79,7 @@ def rests(tmp_path_factory):
 def test_of_a_session_the_files_go_beside_its_fit_and_hold_the_noise_that_went_in(rests, run):
     code, out, _ = run("noise", rests)
     assert code == 0
-    assert out.startswith("Noise at rest, ASM330LHH 42: 1 log")
+    assert out.startswith("Noise: 2")
     table = json.loads((rests / "fit" / "noise.json").read_text())
     assert strangers(table) == []
     assert (table["sensor"], table["serial"], table["logs"]) == ("ASM330LHH", "42", ["rest0001.csv"])
@@ -235,7 +235,7 @@ ROWS = "\n".join(f"{tau} 1 1 1" for tau in range(1, 9))
         ("# (deg/s)\n1 1\n2 1\n2 1\n", "line 4: expected averaging times that increase"),
         ("# (deg/s)\n1 1\n2 -1\n", "line 3: expected averaging times that increase and deviations above 0"),
         ("# (deg/s)\n1 1\nend\n", "line 3: 'end' is no row of numbers"),
-        ("# (deg/s), (g)\n" + ROWS, "does not say one unit"),
+        ("# (deg/s), (g)\n" + ROWS, "does not state one unit"),
         (bytes(range(256)) * 20, "c.csv"),
     ],
 )

@@ -151,7 +151,7 @@ def test_two_units_and_two_data_rates_are_refused(change, more, says, tmp_path):
     write_session(tmp_path / "a", rest(), "rest0001.csv")
     write_session(tmp_path / "b", rest(seed=1, **more), "rest0002.csv", SESSION_TOML.replace(*change))
     assert says in refused(tmp_path / "a", tmp_path / "b")
-    with pytest.raises(CalibrationError, match="the serial number is 42, and you say 7; give the logs of one unit"):
+    with pytest.raises(CalibrationError, match="the serial number is 42, and it is given as 7; give the logs of one unit"):
         read_inputs([tmp_path / "a"], serial="7")
 
 
@@ -178,7 +178,7 @@ def test_units_and_files_that_cannot_be(tmp_path):
     write_session(tmp_path / "none", still).joinpath("log0001.csv").unlink()
     assert "neither a rest log nor a log" in refused(tmp_path / "none")
     write_session(tmp_path / "other", still)
-    with pytest.raises(CalibrationError, match="the sensor is ASM330LHH, and you say MPU-9250"):
+    with pytest.raises(CalibrationError, match="the sensor is ASM330LHH, and it is given as MPU-9250"):
         read_inputs([tmp_path / "other"], "MPU-9250")
     moved = Table().tumble(4, rest_s=3.0, seed=2).samples()
     write_session(tmp_path / "alone", moved, toml=SESSION_TOML + '[protocol]\nreference = "turns"\n')

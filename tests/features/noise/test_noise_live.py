@@ -69,7 +69,7 @@ def test_what_is_known_and_what_will_be():
     assert found == RestAnswer(
         (
             "12 min, gyroscope: N and B known to 20 %",
-            "gyroscope: N 0.300 0.300 0.300 °/√h; B 3.00 3.00 3.00 °/h; K < 1.0 < 1.0 < 1.0 °/h/√h",
+            "gyroscope: N 7.07 mdps/√Hz, B 3.00 °/h, K < 1.0 °/h/√h (worst axis)",
         ),
         True,
     )
@@ -85,7 +85,7 @@ def test_a_drift_that_does_not_show_yet_is_awaited(monkeypatch):
     found = answer_of(figures, 720.0, 0.2)
     assert not found.known
     assert found.lines[0] == "12 min, gyroscope: B known to 20 %; N will be after 12 min; B or K not before 3.1 h"
-    assert found.lines[1].endswith("B 3.00 3.00 < 4.0 °/h; K < 1.0 < 1.0 ? °/h/√h")
+    assert found.lines[1].endswith("B < 4.0 °/h, K ? (worst axis)")
     assert found.lines[2] == "12 min, accelerometer: N and K known to 20 %"
     hidden = axis_of(B=(3 * B, 0.3 * B), limits={"N": N})
     assert answer_of(figures_of(sensor(hidden)), 300.0, 0.2).lines[0] == "5 min, gyroscope: B known to 20 %; N not before 10 min"

@@ -1,10 +1,10 @@
 """Which terms a rest supports: the evidence of each set of them, never a slope.
 
 The prior of a size is flat in its logarithm over ``DECADES``, that of a correlation time over the times that the rest can show; each term
-beside N is present with odds of ``ODDS``.  The evidence is Laplace's: the likelihood at its maximum times the width of the peak over that
+apart from N is present with odds ``ODDS``.  The evidence is Laplace's: the likelihood at its maximum times the width of the peak over that
 of the prior.  Sets are searched by adding, dropping and exchanging single terms from the best so far; N is in all of them.
 
-Which set is named is often chance, above all between B and K, so a size is the mean over all sets, zero where a set lacks the term, and
+Which set is named is often chance, above all between B and K, so a size is the mean over all sets, zero where a set has not the term, and
 its sigma contains how the sets differ (Hoeting et al. 1999).
 """
 
@@ -181,7 +181,7 @@ PASSED = 0.01
 #: low, and with 2 sigma the limits hold in 95 of 100.  Of B and K the mean over even sets knows it:
 #: the larger of both limits counts (benchmarks/noise_terms.py --sizes)
 AT_LIMIT, AT_EVEN_LIMIT = 2.0**2, ONE_SIDED**2
-#: of the others beside a limit: steps, and change of -2 log L at which they end; how near the limit is to be known
+#: of the others at a limit: steps, and change of -2 log L at which they end; how near the limit is to be known
 LIMIT_STEPS, LIMIT_ENDS, LIMIT_NEAR = 6, 1e-3, 0.03
 
 
@@ -276,7 +276,7 @@ class Search:
     def average(self, name: str, wider: float = 1.0) -> tuple[float, float]:
         """Return the mean of s of a term over all sets, and its sigma; wider: factor on each set's own sigma.
 
-        A set has the term lognormal, or lacks it: s = 0.  Those of ``EVEN`` are present with even odds.
+        A set has the term lognormal, or is without it: s = 0.  Those of ``EVEN`` are present with even odds.
         """
         scores = [each.score + 2 * len(each.ids & EVEN) * np.log(ODDS) for each in self.seen]
         each = [(np.log(s) / 2, wider * chosen.log_sigma(name)) if (s := chosen.variance(name)) else (-np.inf, 0.0) for chosen in self.seen]

@@ -27,7 +27,7 @@ from tinygc.noise.figures import SENSORS, AllanBand, AxisNoise, NoiseFigures, Se
 MOST_BYTES, MOST_ROWS = 16 * MB, 100_000
 #: fewest averaging times that hold a shape
 LEAST_ROWS = 6
-#: a recording over the longest averaging time of its curve, as tools choose it, where nobody says how long it was
+#: a recording over the longest averaging time of its curve, as tools choose it, where its length is not known
 USUAL_LENGTH = 10.0
 #: further units of such curves, SI
 OF_CURVES = {
@@ -41,7 +41,7 @@ BRACKETS = re.compile(r"[(\[]([^()\[\]]{1,20})[)\]]")
 def read_curve(path: Path, units: str | None = None) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Read a curve: averaging times (K,) s, increasing; by ``gyro`` and ``accel``, deviations (K, A) SI of one axis or three.
 
-    units: of the deviations in the order of the columns, separated by commas, where the file does not say them.
+    units: of the deviations in the order of the columns, separated by commas, where the file does not state them.
 
     Raises FormatError, with the line, for what is no curve, and where the units are not known.
     """
@@ -102,7 +102,7 @@ def _sensors(name: str, columns: np.ndarray, units: list[tuple[str, float]]) -> 
     if len(units) != len(sizes) or len(set(kinds)) != len(kinds):
         what = "one unit" if len(sizes) == 1 else "two units, one of each sensor in the order of the columns"
         example = "deg/s" if len(sizes) == 1 else "m/s2,deg/s"
-        raise FormatError(f"{name}: its header does not say {what}; give --curve-units, such as --curve-units {example}")
+        raise FormatError(f"{name}: its header does not state {what}; give --curve-units, such as --curve-units {example}")
     edges = np.cumsum(sizes)[:-1]
     return {kind: part * si for (kind, si), part in zip(units, np.split(columns, edges, axis=1), strict=True)}
 
@@ -164,29 +164,29 @@ def _axis(tau_s: np.ndarray, variance: np.ndarray, freedom: np.ndarray) -> AxisN
 
 
 def estimate_of_curve(path: Path, units: str | None, duration_s: float | None, rate_hz: float | None) -> tuple[NoiseFigures, list[str]]:
-    """Estimate the terms of a curve in a file, and say what was assumed; duration_s, rate_hz: of the recording behind it, where known.
+    """Estimate the terms of a curve in a file, and list what was assumed; duration_s, rate_hz: of the recording behind it, where known.
 
     Raises FormatError and DataError, in one line.
     """
     tau_s, deviations = read_curve(path, units)
     if "gyro" not in deviations:
         raise DataError(f"{path.name}: it holds no gyroscope, of which the noise figures are; give its curve as well")
-    said = []
+    remarks = []
     if duration_s is None:
         duration_s = USUAL_LENGTH * float(tau_s[-1])
-        said.append(f"The recording is taken to be {USUAL_LENGTH:g} times its longest averaging time, {duration_s:.4g} s (--duration).")
+        remarks.append(f"The recording is taken to be {USUAL_LENGTH:g} times its longest averaging time, {duration_s:.0f} s (--duration).")
     elif duration_s < 2 * tau_s[-1]:
         raise DataError(f"{path.name}: it goes to {tau_s[-1]:.4g} s, which a recording of {duration_s:.4g} s cannot; give --duration in s")
     axes: dict[str, SensorNoise] = {}
     for kind, deviation in deviations.items():
         found = fit_curve(tau_s, deviation, duration_s)
         if len(found) == 1:
-            said.append(f"The curve of the {SENSORS[kind]} is of one axis, which stands for all three.")
+            remarks.append(f"The curve of the {SENSORS[kind]} is of one axis, which stands for all three.")
         x, y, z = found if len(found) == 3 else found * 3
         axes[kind] = SensorNoise((x, y, z))
     rate = rate_hz or 1 / float(tau_s[0])
     if rate_hz is None:
-        said.append(f"The data rate is not known: 1 over the shortest averaging time, {rate:.4g} Hz, stands for it (--odr).")
+        remarks.append(f"The data rate is not known: 1 over the shortest averaging time, {rate:.4g} Hz, stands for it (--odr).")
     nothing = np.full((len(tau_s), 3), np.nan)
     bands = {kind: AllanBand(tau_s, np.broadcast_to(part, nothing.shape), nothing, nothing) for kind, part in deviations.items()}
     figures = NoiseFigures(
@@ -199,4 +199,4 @@ def estimate_of_curve(path: Path, units: str | None, duration_s: float | None, r
         logs=(path.name,),
         rate_known=rate_hz is not None,
     )
-    return figures, said
+    return figures, remarks

@@ -29,8 +29,8 @@ SHIFTED = 3.0
 SEEN_WITHOUT = 0.3
 #: lines of a channel that are described, the strongest
 MOST_LINES = 4
-#: share of missing readings that is said; values of a register in a section up to which its steps are as large as the noise
-WORTH_SAYING_LOST, FEW_CODES = 1e-3, 6
+#: share of missing readings that is reported; values of a register in a section up to which its steps are as large as the noise
+REPORTED_LOST, FEW_CODES = 1e-3, 6
 #: bins of the spectrum within which two lines are one
 NEAR = 4
 #: frequencies of a band
@@ -42,11 +42,11 @@ ENOUGH = 3
 
 
 class NoiseEstimate(NamedTuple):
-    """figures, with the Allan deviations of the same data; said: what was left out or is to be known, one sentence each; left_out_s: the
+    """figures, with the Allan deviations of the same data; remarks: what was left out or is to be known, one sentence each; left_out_s: the
     time that is not used."""
 
     figures: NoiseFigures
-    said: list[str]
+    remarks: list[str]
     left_out_s: float
 
 
@@ -64,7 +64,7 @@ def estimate_noise(sums: Sequence[RestSums], progress: Progress = untold) -> Noi
     period_s = sum(each.duration_s for each in sums) / steps if steps else 1 / sums[0].rate_hz
     rests = [rest_of(each) for each in sums]
     knots = knots_of(rests)
-    said = [*_missing(sums), *left_out(rests)]
+    general = [*_missing(sums), *left_out(rests)]
     of_axes: dict[str, list[str]] = {}
     axes: list[AxisNoise | None] = []
     bands: list[list[tuple[float, float, float, float]]] = []
@@ -84,7 +84,7 @@ def estimate_noise(sums: Sequence[RestSums], progress: Progress = untold) -> Noi
         found = _axis(groups, period_s, _lines_hz(sections[:, :, channel], period_s))
         slow = [found.terms[name] for name in "BK"]
         if any(term.chosen for term in slow) and not any(term.is_determined for term in slow):
-            remarks.append("slow noise is there, and the rest does not tell B from K: each has a limit alone.")
+            remarks.append("slow noise, and the rest does not separate B from K: both are limits.")
         if moved > found.value("B") > 0:
             term = found.terms["B"]
             assert term.sigma is not None
@@ -94,17 +94,17 @@ def estimate_noise(sums: Sequence[RestSums], progress: Progress = untold) -> Noi
         bands.append(_allan_points(groups, period_s, found))
         remarks += unsteady(rests, channel, residuals, period_s)
         if moved:
-            less = ", and of B there is a limit alone: the error of temperature's law is in it" if found.value("B") else ""
-            remarks.append(f"temperature moves it by {_shown(moved, kind)} rms, which is taken off{less}.")
+            less = "; B is a limit, with the error of that correction" if found.value("B") else ""
+            remarks.append(f"temperature moves it by {_shown(moved, kind)} rms, corrected{less}.")
         for remark in remarks:
             of_axes.setdefault(remark, []).append(f"{kind} {axis}")
-    said += [f"{', '.join(names)}: {remark}" for remark, names in of_axes.items()]
+    general += [f"{', '.join(names)}: {remark}" for remark, names in of_axes.items()]
     if dead["gyro"]:
         which = "" if len(dead["gyro"]) == 3 else f" of gyroscope axis {' '.join(dead['gyro'])}"
         raise DataError(f"too few readings at rest{which}, or readings that do not change; expected seconds of a sensor's noise")
     has_accel = not dead["accel"]
     if dead["accel"] and len(dead["accel"]) < 3:
-        said.append(f"accel {' '.join(dead['accel'])}: its readings do not change; there are no figures of the accelerometer.")
+        general.append(f"accel {' '.join(dead['accel'])}: its readings do not change; there are no figures of the accelerometer.")
     figures = NoiseFigures(
         allan={"gyro": _band(bands[:3])} | ({"accel": _band(bands[3:])} if has_accel else {}),
         gyro=_sensor(axes[:3]),
@@ -113,7 +113,7 @@ def estimate_noise(sums: Sequence[RestSums], progress: Progress = untold) -> Noi
         duration_s=sum(each.duration_s for each in sums),
         samples=sum(each.samples for each in sums),
     )
-    return NoiseEstimate(figures, said, sum(rest.left_out_s for rest in rests))
+    return NoiseEstimate(figures, general, sum(rest.left_out_s for rest in rests))
 
 
 def _sensor(axes: Sequence[AxisNoise | None]) -> SensorNoise:
@@ -123,13 +123,13 @@ def _sensor(axes: Sequence[AxisNoise | None]) -> SensorNoise:
 
 def _missing(sums: Sequence[RestSums]) -> list[str]:
     lost = max(each.lost for each in sums)
-    if lost < WORTH_SAYING_LOST:
+    if lost < REPORTED_LOST:
         return []
-    return [f"{100 * lost / (1 + lost):.2g} % of the readings are missing between the stamps; slow times come out that much too short."]
+    return [f"{100 * lost / (1 + lost):.2g} % of the readings are missing between the stamps: slow times are too short by as much."]
 
 
 def _coarse_steps(sections: np.ndarray) -> list[str]:
-    """Say where a register has few steps: rounding to them is then noise of its own, as large as the zero between two steps makes it."""
+    """Remark where a register has few steps: rounding to them is then noise of its own, as large as the zero between two steps makes it."""
     codes = int(np.median([len(np.unique(section)) for section in sections])) if len(sections) else FEW_CODES + 1
     return (
         [f"its register moves over {codes} steps alone: N is that of the rounding, and changes with the zero."]

@@ -5,7 +5,7 @@ seconds, with the bias known at its start, it states for each axis an angle vari
 
     n^2 T + k^2 T^3 / 3.
 
-At rest n = N and k follows from K, B and the other slow terms.  On motion the angle errs further, by what the calibration leaves.  The
+At rest n = N and k follows from K, B and the other slow terms.  On motion the angle is off further, by what the calibration leaves.  The
 density for which the stated variance holds over windows of T is
 
     n^2 = N^2 + (variance of the angle error beyond N^2 T and beyond the reference's own error) / T.
@@ -15,9 +15,9 @@ d^2 E[angle^2] / T.  It depends on the motion.  One way at a rate w it is d^2 w^
 whose rate has the rms w and the correlation time c, it is 2 d^2 w^2 c (1 - c / T (1 - exp(-T / c))): for windows much longer than c this is
 a white noise.  Motion that comes back after T leaves nothing.  A misalignment does the same with the rate about another axis.
 
-**The unnamed.**  A session's noise components (``noise.turn``) hold what each turn errs by beyond white noise, bias drift, the
-accelerometer and undersampling, with the calibration estimated beside it.  A turn errs by s whatever it is; over turns of mean duration T
-this is s^2 / T.  Whether it goes with the angle, the time or the vibration of a turn cannot be told from one session, so it has no other
+**The unnamed.**  A session's noise components (``noise.turn``) hold what each turn is off by beyond white noise, bias drift, the
+accelerometer and undersampling, with the calibration estimated together.  A turn is off by s whatever it is; over turns of mean duration T
+this is s^2 / T.  Whether it goes with the angle, the time or the vibration of a turn is not seen in one session, so it has no other
 name, and on slower motion it is an upper bound.
 
 **Stills.**  The session's stills may be noisier than the rest log, in another temperature or on a table that trembles.
@@ -45,6 +45,7 @@ from session.base import rotation
 from session.base.errors import DataError
 from session.base.numeric import rms_of
 from session.base.records import write_whole
+from session.base.texts import significant
 from session.base.units import DEG
 from tinygc.closure import residual
 from tinygc.estimation.options import FitOptions
@@ -55,6 +56,7 @@ from tinygc.inference.choose import ONE_SIDED
 from tinygc.models import linear
 from tinygc.noise.components import TURN, UNDERSAMPLED, WANDER, SessionNoise
 from tinygc.noise.figures import FILE, AxisNoise, Inflation, NoiseFigures, SensorNoise, unit_allan_variance
+from tinygc.noise.measured import SHOWN
 
 # The walk at rest.
 
@@ -106,7 +108,7 @@ def _back_and_forth(rate_rps: float, correlation_s: float, window_s: float) -> f
 SLOW_RPS = 10 * DEG
 #: back and forth: correlation time of the rate, s
 RETURN_S = 0.5
-REST, SLOWLY = "at rest", "slow turning"
+REST, TURNS, SLOWLY = "at rest", "hand turns", "slow turning"
 SCALE, _MISALIGNMENT, STILLS, _UNDERSAMPLING, _UNNAMED = "scale", "misalignment", "stills", "undersampling", "unnamed"
 #: elements (9,) of a linear model's matrix, row by row, that are scale factors
 DIAGONAL = np.eye(3, dtype=bool).ravel()
@@ -153,10 +155,10 @@ def inflations(result: FitResult, figures: NoiseFigures) -> tuple[Inflation, ...
     angle = np.mean(np.sum(np.linalg.norm(rotation.step_vectors(rate, batch.dt), axis=-1), axis=1))
     found = [
         rest,
-        _inflation(figures, f"hand turns ({angle / DEG:.0f}° in {window_s:.2g} s)", turns | own, spread, limit, walk, source),
+        _inflation(figures, f"{TURNS} ({angle / DEG:.0f}° in {window_s:.2g} s)", turns | own, spread, limit, walk, source),
     ]
 
-    # On other motion: row j of E errs by dE_j . omega, for a rate in any direction a third of its square times the row's variances.
+    # On other motion: row j of E is off by dE_j . omega, for a rate in any direction a third of its square times the row's variances.
     rows = np.diag(square).reshape(3, 3) / 3
     named = {SCALE: np.diag(rows), _MISALIGNMENT: rows.sum(axis=1) - np.diag(rows)}
     limit = np.max([np.diag(each).reshape(3, 3).sum(axis=1) / 3 for each in allowed], axis=0, initial=0.0) + np.zeros(3)
@@ -236,32 +238,35 @@ def inflations_of_folder(folder: Path, figures: NoiseFigures) -> tuple[Inflation
         return inflations(fit_session(folder, options), figures)
 
 
-def inflation_lines(found: Sequence[Inflation], gyro: SensorNoise) -> list[str]:
-    """One line for each kind of motion: the factor, rms over the axes, with its sigma, its upper limit and its parts, and the walk.
+def inflation_lines(found: Sequence[Inflation], gyro: SensorNoise, verbose: bool = False) -> list[str]:
+    """The factor of the noise density on hand turns; verbose: on each motion, rms over the axes, with its sigma, its upper limit and its
+    parts, and the walk.
 
     gyro: its noise at rest.  Where it shows no slow term and the limit of K is above the walk, the limit stands in its place.  No lines
     where an axis of it is not described.
     """
     if not gyro.is_described:
         return []
+    if not verbose:
+        return [f"Kalman filter, hand turns: noise density × {rms_of(each.white):.1f}." for each in found if each.motion.startswith(TURNS)]
+    unit, si = SHOWN["gyro"]["K"]
     is_hidden, limit = not any(gyro.measured(name) for name in SLOW), float(gyro.at_most("K").max())
-    below = f", below {limit:.2g} rad/s/√s" if np.isfinite(limit) else ""
+    below = f"walk < {significant(limit / si, 2)} {unit}" if np.isfinite(limit) else ""
     lines = []
     for each in found:
         factor = rms_of(each.white)
-        much = f"{factor:.2f}"
+        text = f"Kalman filter, {each.motion}: noise density × {factor:.2f}"
         if each.white_sigma is not None and np.any(each.white_sigma > 0):
-            much += f" ± {rms_of(each.white_sigma):.2f}"
+            text += f" ± {rms_of(each.white_sigma):.2f}"
         if each.at_most is not None and rms_of(each.at_most) > 1.005 * factor:
-            much += f" (at most {rms_of(each.at_most):.2f})"
+            text += f", < {rms_of(each.at_most):.2f}"
         causes = sorted(((rms_of(part), name) for name, part in each.parts.items()), reverse=True)
         # An error of each turn need not grow with a slower turn's time.
-        bound = {_UNNAMED: "at most "} if each.motion.startswith(SLOWLY) else {}
-        why = ", ".join(f"{name} {bound.get(name, '')}{part:.2f}" for part, name in causes if part > 1.005)
-        line = f"Inflate by {much} on {each.motion}" if each.motion != REST else f"At rest N holds ({much})"
-        line += f": {why}" if why else ""
+        bound = {_UNNAMED: "< "} if each.motion.startswith(SLOWLY) else {}
+        details = [f"{name} {bound.get(name, '')}{part:.2f}" for part, name in causes if part > 1.005]
         if each.walk_density is not None:
             known = below and each.walk_density.any() and not np.all(each.walk_density < limit)
-            line += f"; walk not known{below}" if is_hidden and not known else f"; walk {rms_of(each.walk_density):.2g} rad/s/√s"
-        lines.append(line)
+            walk = below if is_hidden and not known else f"walk {significant(rms_of(each.walk_density) / si, 2)} {unit}"
+            details += [walk] if walk else []
+        lines += [text, *([f"  {', '.join(details)}"] if details else [])]
     return lines

@@ -49,7 +49,7 @@ TURNED_DEG = 6.0
 RESTLESS = 5.0
 #: share of a log that may be moved before it is no rest with knocks
 MOVED_SHARE = 0.2
-#: s, a rest between two movements that says anything of the noise beyond white
+#: s, a rest between two movements that shows noise beyond white
 SHORTEST_S = 1.0
 #: how a file begins whose first column is called tau
 FIRST_OF_CURVE = re.compile(rb"\W*(\xcf\x84|(taus?|averaging[ _]?times?)(_?s)?\W)", re.IGNORECASE)
@@ -72,12 +72,12 @@ class Rests:
     rate_hz: float = 0.0
 
     def require_same(self, name: str, sensor: str, serial: str, rate_hz: float) -> None:
-        """Raise DataError for a log of another unit or data rate than those before; what neither says is not compared."""
+        """Raise DataError for a log of another unit or data rate than those before; what neither states is not compared."""
         sensor = "" if sensor == UNKNOWN else sensor
         for what, mine, first in (("sensor", sensor, self.sensor), ("serial number", serial, self.serial)):
             same = mine == first or (what == "sensor" and (known := profile_of(mine)) is not None and known is profile_of(first))
             if mine and first and not same:
-                before = f"of {self.logs[0]} it is" if self.logs else "you say"
+                before = f"of {self.logs[0]} it is" if self.logs else "it is given as"
                 raise DataError(f"{name}: the {what} is {mine}, and {before} {first}; give the logs of one unit")
         if self.rate_hz and abs(rate_hz / self.rate_hz - 1) > CLOCK_WITHIN.value:
             raise DataError(
@@ -88,7 +88,7 @@ class Rests:
 
 
 def read_inputs(inputs: Sequence[Input], sensor: str = "", serial: str = "", progress: Progress = untold) -> Rests:
-    """Read all inputs of one unit; sensor, serial: of which it is said to be.
+    """Read all inputs of one unit; sensor, serial: of which it is given to be.
 
     Raises FormatError and DataError, in one line, for what cannot be read, for logs of two units or data rates, for a recording that is
     given twice, and where nothing is at rest.
@@ -147,7 +147,7 @@ def _of_folder(folder: Path) -> Iterator[_Part]:
         config = read_config(folder / "session.toml")
         paths = [*log_paths(folder, "rest"), *log_paths(folder, "log")]
         if not paths:
-            raise FormatError(f"{folder}: neither a rest log nor a log; expected rest*.csv or log*.csv beside session.toml")
+            raise FormatError(f"{folder}: neither a rest log nor a log; expected rest*.csv or log*.csv next to session.toml")
         yield from (_of_session(path, config) for path in paths)
         return
     paths = sorted(path for path in folder.iterdir() if path.is_file() and path.name.lower().endswith((".csv", ".csv.gz")))
@@ -173,7 +173,7 @@ def _read_session_log(path: Path, sensor: Sensor, gyro_alone: bool, rests: Rests
 
 
 def _read_bare(path: Path, rests: Rests) -> None:
-    """Add a standard log outside of a session; its comments say of its sensor what it knows."""
+    """Add a standard log outside of a session; its comments state what is known of its sensor."""
     with open_file(path) as file:
         begins = file.read(FIRST_BYTES)
     if FIRST_OF_CURVE.match(begins):
@@ -181,17 +181,17 @@ def _read_bare(path: Path, rests: Rests) -> None:
         do = command_line("noise", "--curve", path)
         raise FormatError(f"{path}: its first column is an averaging time, as of an Allan curve, and no log; run `{do}`")
     reader = Reader(path, gyro_alone=True)
-    said = reader.comments
-    ranges = [number_in(said, key) for key in ("gyro_fs_dps", "accel_fs_g")]
+    comments = reader.comments
+    ranges = [number_in(comments, key) for key in ("gyro_fs_dps", "accel_fs_g")]
     for triad, full_scale in zip((reader.layout.gyro, reader.layout.accel), ranges, strict=True):
         if triad is not None and triad.unit.si is None and full_scale is None:
             do = f"run `{command_line('import', path)}`, and give its folder"
-            raise FormatError(f"{path.name} holds registers and does not say the full scale (# gyro_fs_dps=… accel_fs_g=…); {do}")
+            raise FormatError(f"{path.name} holds registers and no full scale (# gyro_fs_dps=… accel_fs_g=…); {do}")
     first = next(reader.pieces(), None)
     if first is None or first.t_ns is None:
         raise FormatError(f"{path.name}: a header but no samples; was the recording stopped before it began?")
-    rate_hz = number_in(said, "odr_hz") or pace_of(first.t_ns).rate_hz
-    sensor = Sensor(said.get("sensor", UNKNOWN), printable(said.get("serial", "")), rate_hz, ranges[0] or 0.0, ranges[1] or 0.0)
+    rate_hz = number_in(comments, "odr_hz") or pace_of(first.t_ns).rate_hz
+    sensor = Sensor(comments.get("sensor", UNKNOWN), printable(comments.get("serial", "")), rate_hz, ranges[0] or 0.0, ranges[1] or 0.0)
     # Stamps that are coarser than the samples, or come in bursts, are counted along all of them
     if first.accel is not None and np.diff(first.t_ns).any() and evenly(first.t_ns, 1.0, path.name)[1] is None:
         _stream(path, sensor, rests, bare=True)
@@ -205,7 +205,7 @@ def _rate_of(samples: Samples, name: str) -> float:
     """Hz, by the stamps.  FormatError where no sensor has such a rate."""
     rate_hz = 1 / samples.period_s
     if not SLOWEST_HZ <= rate_hz <= FASTEST_HZ:
-        raise FormatError(f"{name}: its stamps say {rate_hz:.4g} Hz, which no sensor has; is their unit right?")
+        raise FormatError(f"{name}: its stamps give {rate_hz:.4g} Hz, which no sensor has; is their unit right?")
     return rate_hz
 
 
@@ -215,7 +215,7 @@ def _stream(path: Path, sensor: Sensor, rests: Rests, bare: bool = False) -> Non
     waiting: list[Samples] = []
 
     def add(samples: Samples) -> None:
-        if not sums:  # a first piece of one sample tells no rate
+        if not sums:  # a first piece of one sample shows no rate
             waiting.append(samples)
             samples = joined(waiting)
             if len(samples) < 2:
@@ -272,7 +272,7 @@ def _sums_of(samples: Samples, rate_hz: float) -> RestSums:
 
 
 def _refuse_units(log: RestLog) -> None:
-    """DataError where an accelerometer at rest does not show gravity: its unit is another.  NaN of a gyroscope alone is not judged."""
+    """DataError where an accelerometer at rest does not show gravity: its unit is another.  NaN of a gyroscope alone is not tested."""
     if np.isnan(log.accel).all():
         return
     for finding in check_rest(log):

@@ -79,10 +79,10 @@ class Noise(NoiseFigures, Kept):
 def noise_of(inputs: Sequence[Input], sensor: str, serial: str, progress: Progress) -> Noise:
     """Estimate the noise of one unit.  Raises CalibrationError, in one line, for inputs that cannot be read or are of several units."""
     rests = read_inputs(inputs, sensor, serial, progress)
-    figures, said, left_out_s = estimate_of(rests.sums, progress)
+    figures, found_remarks, left_out_s = estimate_of(rests.sums, progress)
     rests.sums.clear()  # of a day as large as its logs, which are fitted next
     figures = replace(figures, logs=tuple(rests.logs), sensor=rests.sensor, serial=rests.serial)
-    remarks = [*said, *rests.remarks]
+    remarks = [*found_remarks, *rests.remarks]
     found: list[Inflation] = []
     folders = [Path(each) for each in inputs if isinstance(each, Path | str) and (Path(each) / FITTED).is_file()]
     if folders and not figures.gyro.is_described:
@@ -98,10 +98,10 @@ def noise_of(inputs: Sequence[Input], sensor: str, serial: str, progress: Progre
             found += inflations_of_folder(folder, figures)
             verdict = read_fit(folder / FITTED).get("verdict") or {}
             if verdict.get("answer") == "fail":
-                remarks.append(f"{folder.name}: fit says {verdict.get('headline', 'FAIL')}; the inflation holds what it lacks.")
+                remarks.append(f"{folder.name}: the fit fails ({verdict.get('headline', 'FAIL')}); the factor covers its misfit.")
         except CalibrationError as error:
             remarks.append(f"No inflation of {folder.name}: {error}")
-    # Each session says the same of rest.
+    # Each session has the same inflation at rest.
     figures = replace(figures, inflations=tuple({each.motion: each for each in found}.values()))
     return Noise.of(figures, remarks, left_out_s)
 
@@ -141,8 +141,8 @@ def estimate_noise(logs: Any = None, *, progress: Progress | None = None, **choi
         return noise_of(inputs, options.sensor, options.serial, progress or untold)
     if logs is not None:
         raise CalibrationError("estimate_noise: give logs or curve, not both")
-    figures, said = estimate_of_curve(options.curve, options.curve_units, options.duration_s, options.odr_hz)
-    return Noise.of(replace(figures, sensor=options.sensor, serial=options.serial), said, 0.0)
+    figures, remarks = estimate_of_curve(options.curve, options.curve_units, options.duration_s, options.odr_hz)
+    return Noise.of(replace(figures, sensor=options.sensor, serial=options.serial), remarks, 0.0)
 
 
 def _input(given: Any) -> Any:

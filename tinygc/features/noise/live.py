@@ -18,6 +18,7 @@ from session.base.units import NS
 from session.bench.rest_guide import RestAnswer, in_words
 from session.log.samples import Samples, joined
 from tinygc.features.noise.estimate import estimate_noise, known_after_s
+from tinygc.features.noise.output import ONE_SIDED
 from tinygc.features.noise.summary import RestSums
 from tinygc.noise.figures import SENSORS, NoiseFigures
 from tinygc.noise.measured import SHOWN, WALKS
@@ -31,7 +32,7 @@ SHORTEST_S = 60.0
 
 
 class LiveNoise:
-    """Figures of the rest so far.  relative: sigma over value, to which N, and B or K, are asked."""
+    """Figures of the rest so far.  relative: sigma over value, to which N, and B or K, are required."""
 
     def __init__(self, relative: float) -> None:
         self._relative = relative
@@ -42,7 +43,7 @@ class LiveNoise:
         self._next_s, self._next_at = EVERY_S, 0.0  # of rest, and of this computer's clock
         self._thread: threading.Thread | None = None
         self._found: RestAnswer | None = None
-        self._said: RestAnswer | None = None
+        self._reported: RestAnswer | None = None
         self._failed = False
 
     @property
@@ -79,9 +80,9 @@ class LiveNoise:
         """Return a new answer; None where nothing has changed.  Starts the next estimate where it is due."""
         if self._thread is not None and self._thread.is_alive():
             return None
-        self._thread, new = None, self._found if self._found != self._said else None
+        self._thread, new = None, self._found if self._found != self._reported else None
         if new is not None:
-            self._said = new
+            self._reported = new
             return new
         rested_s = self.rested_s
         if self._failed or rested_s < self._next_s or time.monotonic() < self._next_at:
@@ -115,7 +116,7 @@ class LiveNoise:
 
 
 def answer_of(figures: NoiseFigures, rested_s: float, relative: float) -> RestAnswer:
-    """What figures (rested_s s of rest) say of each sensor, and when N, and B or K, are known to a relative sigma.
+    """What figures (rested_s s of rest) show of each sensor, and when N, and B or K, are known to a relative sigma.
 
     N must be known on each axis, and so must each of G, B and K whose size is a number there.  Where none is, B or K is awaited, whichever
     its limit allows to be known first, since no noise has a bias that stays for ever.
@@ -150,16 +151,16 @@ def answer_of(figures: NoiseFigures, rested_s: float, relative: float) -> RestAn
         ]
         known = known and not any(waits.values())
         lines.append(f"{in_words(rested_s)}, {SENSORS[kind]}: {'; '.join(parts)}")
-        lines.append(f"{SENSORS[kind]}: {'; '.join(_value(figures, kind, name) for name in ('N', 'B', 'K'))}")
+        lines.append(f"{SENSORS[kind]}: {', '.join(_value(figures, kind, name) for name in ('N', 'B', 'K'))} (worst axis)")
     return RestAnswer(tuple(lines), known)
 
 
 def _value(figures: NoiseFigures, kind: str, name: str) -> str:
-    """A term of three axes, ``N 0.28 0.29 < 0.31 °/√h``, with the limit of an axis that does not show it."""
-    unit, si = SHOWN[kind][name]
-    words = []
-    for axis in figures.sensors()[kind].axes:
-        term = axis.terms[name]
-        limit = "?" if term.at_most is None else f"< {significant(term.at_most / si, 2)}"
-        words.append(significant(term.value / si) if term.is_determined else limit)
-    return f"{name} {' '.join(words)} {unit}"
+    """A term of the worst axis, ``N 5.1 mdps/√Hz``, or its limit where that is larger."""
+    unit, si = ONE_SIDED[kind] if name == "N" else SHOWN[kind][name]
+    terms = [axis.terms[name] for axis in figures.sensors()[kind].axes]
+    value = max((term.value for term in terms if term.is_determined), default=0.0)
+    limit = max((np.inf if term.at_most is None else term.at_most for term in terms if not term.is_determined), default=0.0)
+    if value >= limit:
+        return f"{name} {significant(value / si)} {unit}"
+    return f"{name} ?" if np.isinf(limit) else f"{name} < {significant(limit / si, 2)} {unit}"

@@ -1,4 +1,4 @@
-"""What may be said of noise at rest beside its logs.  Imports nothing heavy."""
+"""Options of noise at rest other than its logs.  Imports nothing heavy."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ CURVE = "an Allan curve that is there already"
 
 @dataclass(frozen=True)
 class NoiseOptions(Record):
-    """What is said of the sensor, and of a curve."""
+    """Of the sensor, and of a curve."""
 
     sensor: str = option("", "what the sensor is, such as MPU-9250", read=str)
     serial: str = option("", "which one it is", metavar="TEXT", read=str)

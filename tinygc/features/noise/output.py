@@ -1,17 +1,17 @@
-"""What ``noise`` shows: the terms of each axis, Kalibr's numbers, what is still open, the data sheet, remarks; and the picture."""
+"""What ``noise`` shows: the answer, the terms of each axis, the data sheet, what is still open, remarks; and the picture."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from math import ceil, sqrt
+from math import sqrt
 from typing import Annotated
 
 import numpy as np
 
 from session.base.records import Size
 from session.base.results import Maybe, Number, Text
-from session.base.texts import NONE, measured, printable
+from session.base.texts import NONE, measured, printable, probability, significant
 from session.base.units import DEG_PER_HOUR, MDPS, MG
 from session.log.registers import profile_of
 from tinygc.features.noise.estimate import known_after_s
@@ -29,8 +29,6 @@ UNITS = {
 }
 #: of N, as one-sided density, which data sheets state: sqrt(2) times the two-sided one
 ONE_SIDED = {"gyro": ("mdps/√Hz", MDPS / sqrt(2)), "accel": ("µg/√Hz", 1e-3 * MG / sqrt(2))}
-#: lines and columns of the first screen
-SCREEN, WIDTH = 24, 100
 #: terms that are always shown; the others where an axis shows them
 ALWAYS = ("N", "B", "K")
 #: probabilities between these are stated
@@ -43,39 +41,48 @@ SHEET_WITHIN = 0.1
 TIMES = 2.0
 
 
-def noise_page(figures: NoiseFigures, said: Sequence[str], left_out_s: float, verbose: bool = False) -> Group:
-    """The screen; said: remarks; left_out_s: time that is not used; verbose: with every term and all remarks, however long."""
-    misfit = misfit_lines(figures)
-    parts: list[Part] = [one_line(headline(figures), "bold"), *(one_line(line, "bold red") for line in misfit)]
-    lines = 1 + len(misfit)
+def noise_page(figures: NoiseFigures, remarks: Sequence[str], left_out_s: float, verbose: bool = False) -> Group:
+    """The screen; left_out_s: time that is not used; verbose: with every term, its probability, every motion, and all remarks."""
+    parts: list[Part] = [one_line(line, "bold red") for line in misfit_lines(figures)]
+    parts += [one_line(answer(figures), "bold")]
+    if figures.inflations:
+        from tinygc.features.noise.inflation import inflation_lines
+
+        parts += inflation_lines(figures.inflations, figures.gyro, verbose)
+    parts.append(headline(figures))
     for kind, sensor in figures.sensors().items():
         rows = []
         for name in TERMS:
             if not (verbose or name in ALWAYS or sensor.measured(name)):
                 continue
-            unit, si = UNITS[kind][name]
-            rows.append([f"{name}  {unit}{', two-sided' * (name == 'N')}", *(term_cell(axis.terms[name], si) for axis in sensor.axes)])
-            if name == "N":
-                unit, si = ONE_SIDED[kind]
-                rows.append([f"   {unit}, one-sided", *(term_cell(axis.terms[name], si, False) for axis in sensor.axes)])
-        parts.append(Table("", (f"{SENSORS[kind]} ± σ, < 95 %", "x", "y", "z"), rows))
-        lines += 1 + len(rows)
-    below = [kalibr_line(figures), *described_from(figures)]
-    if figures.inflations:
-        from tinygc.features.noise.inflation import inflation_lines
-
-        below += inflation_lines(figures.inflations, figures.gyro)
-    below += [*open_lines(figures), *sheet_lines(figures)]
-    parts += below
+            unit, si = ONE_SIDED[kind] if name == "N" else UNITS[kind][name]
+            rows.append([f"{name}  {unit}", *(term_cell(axis.terms[name], si, verbose) for axis in sensor.axes)])
+            if name == "N" and verbose:
+                unit, si = UNITS[kind]["N"]
+                rows.append([f"   {unit}, two-sided", *(term_cell(axis.terms[name], si) for axis in sensor.axes)])
+        parts.append(Table("", (f"{SENSORS[kind]}, < 95 %", "x", "y", "z"), rows))
+    parts += [*described_from(figures), *sheet_lines(figures)]
     left = [f"{duration_words(left_out_s)} are left out."] if left_out_s else []
-    remarks = [*spectral_lines(figures), *left, *said]
-    room = SCREEN - lines - sum(map(_height, below))
-    kept = len(remarks) if verbose else _fitting(remarks, room)
-    parts += remarks[:kept]
-    if kept < len(remarks):
-        count = len(remarks) - kept
-        parts.append(f"{count} {'more ' * bool(kept)}remark{'s' * (count != 1)}: --verbose")
-    return screen(parts)
+    every = [*spectral_lines(figures), *left, *remarks]
+    if verbose:
+        parts += [*PROBABILITY, *every]
+    elif every:
+        parts.append(f"{len(every)} remark{'s' * (len(every) != 1)}: --verbose")
+    return screen([*parts, *next_lines(figures)])
+
+
+#: what a share behind a number of the whole screen is
+PROBABILITY = ["(6 %): probability that the term is in the data."]
+
+
+def answer(figures: NoiseFigures) -> str:
+    """The white noise of the worst axis, and the data sheet."""
+    unit, si = ONE_SIDED["gyro"]
+    value, _ = _worst(figures.gyro, "N")
+    sheet = next((row for row in against_data_sheet(figures) if (row.sensor, row.term) == ("gyro", "N")), None)
+    if value is None:
+        return "Noise: no figure of the gyroscope."
+    return f"Noise: {significant(value / si)} {unit}{_without(figures.gyro)}{'' if sheet is None else f' ({sheet.comparison})'}."
 
 
 def duration_words(duration_s: float) -> str:
@@ -88,39 +95,25 @@ def duration_words(duration_s: float) -> str:
     return f"{duration_s / 86400:.2g} days"
 
 
-def _height(line: str) -> int:
-    return ceil(len(line) / WIDTH)
-
-
-def _fitting(remarks: Sequence[str], room: int) -> int:
-    """How many remarks the room, in lines, holds, with the line that counts the others."""
-    heights = np.cumsum([_height(remark) for remark in remarks])
-    if not len(heights) or heights[-1] <= room:
-        return len(heights)
-    return int(np.searchsorted(heights, room - 1, side="right"))
-
-
 def headline(figures: NoiseFigures) -> str:
     """Which recording the figures are of."""
     of = " ".join(filter(None, (figures.sensor, figures.serial))) or "sensor not named"
     logs = f"{len(figures.logs)} log{'s' * (len(figures.logs) != 1)}, " if figures.logs else ""
-    return (
-        f"Noise at rest, {printable(of)}: {logs}{duration_words(figures.duration_s)}, {figures.samples} samples at {figures.rate_hz:.5g} Hz"
-    )
+    return f"{printable(of)}: {logs}{duration_words(figures.duration_s)} at rest, {figures.samples} samples at {figures.rate_hz:.5g} Hz"
 
 
 # The table of a sensor.
 
 
-def term_cell(term: Term, si: float, probability: bool = True) -> str:
+def term_cell(term: Term, si: float, with_probability: bool = True) -> str:
     """``119.3 ± 8.2 (83 %)``, ``< 9.1``, the upper limit of 95 %, or a dash; with the probability where it is not clear."""
     if term.sigma is not None and term.is_determined:
         text = measured(term.value / si, term.sigma / si)
         if term.tau_s is not None:
             text += f", τ {duration_words(term.tau_s)}"
     else:
-        text = NONE if term.at_most is None else f"< {term.at_most / si:.3g}"
-    unclear = probability and UNCLEAR[0] < term.probability < UNCLEAR[1]
+        text = NONE if term.at_most is None else f"< {significant(term.at_most / si)}"
+    unclear = with_probability and UNCLEAR[0] < term.probability < UNCLEAR[1]
     return f"{text} ({100 * term.probability:.0f} %)" if unclear else text
 
 
@@ -148,25 +141,6 @@ def kalibr_figures(figures: NoiseFigures) -> dict[str, float | None]:
     """Kalibr's imu.yaml, SI, two-sided as it takes them: of the worst axis that is described; None where none shows the term."""
     sensors = figures.sensors()
     return {key: _worst(sensors[kind], name)[0] if kind in sensors else None for (kind, name), key in KALIBR.items()}
-
-
-def kalibr_line(figures: NoiseFigures) -> str:
-    """The numbers in one line; an upper limit where no axis shows the walk, and beside the number where that of an axis is larger; without
-    which axes, where some are not described."""
-    parts = []
-    for kind, sensor in figures.sensors().items():
-        words = []
-        for name in "NK":
-            value, most = _worst(sensor, name)
-            words.append(f"{value:.3g}{_larger(sensor, name, value)}" if value is not None else NONE if most is None else f"< {most:.2g}")
-        parts.append(f"{SENSORS[kind]} {', '.join(words)}{_without(sensor)}")
-    return f"Kalibr density, walk (SI): {'; '.join(parts)}"
-
-
-def _larger(sensor: SensorNoise, name: str, value: float) -> str:
-    """`` (x < 0.002)``, the axes whose limit alone is above the largest number; empty where there are none."""
-    larger = [f"{axis} < {most:.2g}" for axis, most in _hidden(sensor, name).items() if value < most < np.inf]
-    return f" ({', '.join(larger)})" if larger else ""
 
 
 def _hidden(sensor: SensorNoise, name: str) -> dict[str, float]:
@@ -209,26 +183,22 @@ def open_terms(figures: NoiseFigures) -> list[OpenTerm]:
     ]
 
 
-def open_lines(figures: NoiseFigures) -> list[str]:
-    """One sentence for each sensor: which terms are known to 20 %, and after how long a rest the others will be, or at the earliest."""
-    lines, terms = [], open_terms(figures)
-    for kind, sensor in figures.sensors().items():
-        if not any(axis.is_described for axis in sensor.axes):
-            continue
-        waiting: dict[str, dict[str, dict[str, str]]] = {"after": {}, "not before": {}}  # ... -> term -> duration -> axes
-        for each in terms:
-            if each.sensor == kind:
-                is_shown = sensor.axes["xyz".index(each.axis)].terms[each.term].is_determined
-                when = "after" if is_shown or each.known_after_s == float("inf") else "not before"
-                times, last = waiting[when].setdefault(each.term, {}), duration_words(each.known_after_s)
-                times[last] = f"{times[last]} {each.axis}" if last in times else each.axis
-        known = [name for name in ALWAYS if not any(name in after for after in waiting.values())]
-        parts = [f"known to 20 %: {', '.join(known)}"] * bool(known)
-        for when, after in waiting.items():
-            words = [f"{name} {', '.join(f'{last} ({axes})' for last, axes in times.items())}" for name, times in after.items()]
-            parts += [f"{when} one rest of: {'; '.join(words)}"] * bool(words)
-        lines.append(f"{SENSORS[kind].capitalize()}{_without(sensor)} {'; '.join(parts)}")
-    return lines
+def next_lines(figures: NoiseFigures) -> list[str]:
+    """How long a rest would show the terms that are not known to 20 %, of both sensors, and which none would; empty where all are known."""
+    waiting, never, longest_s = dict[str, dict[str, None]](), dict[str, dict[str, None]](), 0.0  # of a sensor: its terms
+    for each in open_terms(figures):
+        is_never = each.known_after_s == float("inf")
+        (never if is_never else waiting).setdefault(SENSORS[each.sensor], {})[each.term] = None
+        longest_s = longest_s if is_never else max(longest_s, each.known_after_s)
+    found = [f"Hidden below N, however long the rest: {_listed(never)}."] if never else []
+    if waiting:
+        rest = f"rest {duration_words(longest_s)} or more" if longest_s > 1.05 * figures.duration_s else "rest longer"
+        found.append(f"next: {rest} to know {_listed(waiting)}")
+    return found
+
+
+def _listed(terms: Mapping[str, Iterable[str]]) -> str:
+    return "; ".join(f"{sensor} {', '.join(names)}" for sensor, names in terms.items())
 
 
 def misfit_lines(figures: NoiseFigures) -> list[str]:
@@ -238,8 +208,8 @@ def misfit_lines(figures: NoiseFigures) -> list[str]:
         bad = {axis: own for axis, own in zip("xyz", sensor.axes, strict=True) if not own.is_described}
         if bad:
             worst = max(bad.values(), key=lambda own: own.excess)
-            what = f"p = {worst.p_value:.2g}, {worst.excess:.3g} times their variance"
-            lines.append(f"NOT DESCRIBED by these terms: {SENSORS[kind]} {' '.join(bad)} ({what})")
+            what = f"{significant(worst.excess)} times the terms' variance ({probability(worst.p_value)})"
+            lines.append(f"NOT DESCRIBED: {SENSORS[kind]} {' '.join(bad)}, {what}.")
     return lines
 
 
@@ -249,7 +219,7 @@ def spectral_lines(figures: NoiseFigures) -> list[str]:
     for kind, sensor in figures.sensors().items():
         unit, si = UNITS[kind]["B"]
         strongest = {axis: max(own.lines, key=lambda line: line.rms) for axis, own in zip("xyz", sensor.axes, strict=True) if own.lines}
-        found = ", ".join(f"{axis} {line.hz:.3g} Hz ({line.rms / si:.3g} {unit} rms)" for axis, line in strongest.items())
+        found = ", ".join(f"{axis} {significant(line.hz)} Hz ({significant(line.rms / si)} {unit} rms)" for axis, line in strongest.items())
         if found:
             sentences.append(f"Lines of the {SENSORS[kind]}, the strongest: {found}.")
     return sentences
@@ -260,12 +230,11 @@ def spectral_lines(figures: NoiseFigures) -> list[str]:
 
 @dataclass(frozen=True)
 class SheetFigure:
-    """A figure of the data sheet beside the worst axis that is described.
+    """A figure of the data sheet, and that of the worst axis that is described.
 
     sensor: ``gyro`` or ``accel``; term; unit; value: None where no axis shows it; at_most: upper limit (95 %), None where there is none;
-    sheet; source; verdict: ``within`` 10 %, ``above``,
-    ``below``, ``open`` where it is not known of some axis that is not limited by the sheet, ``not judged`` where nobody has read the figure
-    in its source.
+    sheet; source; verdict: ``within`` 10 %, ``above``, ``below``, ``open`` where it is not known of some axis that is not limited by the
+    sheet, ``not compared`` where the figure was not read in its source.
     """
 
     sensor: Annotated[str, OF]
@@ -275,17 +244,21 @@ class SheetFigure:
     at_most: Size | None
     sheet: Size
     source: str
-    verdict: Annotated[str, Text(("within", "above", "below", "open", "not judged"))]
+    verdict: Annotated[str, Text(("within", "above", "below", "open", "not compared"))]
+
+    @property
+    def comparison(self) -> str:
+        """``data sheet 5: above by 18 %``."""
+        ratio = None if self.value is None or self.verdict not in ("above", "below") else self.value / self.sheet
+        by = "" if ratio is None else f" by {100 * abs(ratio - 1):.0f} %" if ratio < TIMES else f", {significant(ratio, 2)} times"
+        return f"data sheet {self.sheet:g}: {self.verdict}{by}"
 
     @property
     def words(self) -> str:
-        """``gyroscope N 5.9 mdps/√Hz, data sheet 5: above by 18 %``."""
-        limit = NONE if self.at_most is None else f"< {self.at_most:.3g}"
-        value = limit if self.value is None else f"{self.value:.3g}" + (f" ({limit})" if self.verdict == "open" else "")
-        ratio = None if self.value is None or self.verdict not in ("above", "below") else self.value / self.sheet
-        by = "" if ratio is None else f" by {100 * abs(ratio - 1):.0f} %" if ratio < TIMES else f", {ratio:.2g} times"
-        judged = "remembered, not judged" if self.verdict == "not judged" else f"{self.verdict}{by}"
-        return f"{SENSORS[self.sensor]} {self.term} {value} {self.unit}, data sheet {self.sheet:g}: {judged}"
+        """``gyroscope B 5.9 °/h (data sheet 5: above by 18 %)``."""
+        limit = NONE if self.at_most is None else f"< {significant(self.at_most)}"
+        value = limit if self.value is None else significant(self.value) + (f", {limit}" if self.verdict == "open" else "")
+        return f"{SENSORS[self.sensor]} {self.term} {value} {self.unit} ({self.comparison})"
 
 
 #: figure of a profile -> its sensor, term and unit
@@ -306,7 +279,7 @@ def against_data_sheet(figures: NoiseFigures) -> list[SheetFigure]:
         if sensor is None or figure is None or not any(axis.is_described for axis in sensor.axes):
             continue
         value, at_most = (None if size is None else size / si for size in _worst(sensor, name))
-        verdict = _verdict(value, max(_hidden(sensor, name).values(), default=0.0) / si, figure.value) if figure.read else "not judged"
+        verdict = _verdict(value, max(_hidden(sensor, name).values(), default=0.0) / si, figure.value) if figure.read else "not compared"
         rows.append(SheetFigure(kind, name, unit, value, at_most, figure.value, figure.source, verdict))
     return rows
 
@@ -322,10 +295,12 @@ def _verdict(value: float | None, hidden: float, sheet: float) -> str:
 
 
 def sheet_lines(figures: NoiseFigures) -> list[str]:
-    """One line for each figure of the data sheet; one where no sheet is known."""
+    """One line for each figure of the data sheet but the answer's; one where no sheet is known."""
     rows = against_data_sheet(figures)
     if rows:
-        return [f"{row.words[0].upper()}{row.words[1:]}{_without(figures.sensors()[row.sensor])}" for row in rows]
+        answered = ("gyro", "N")
+        lines = (f"{row.words}{_without(figures.sensors()[row.sensor])}." for row in rows if (row.sensor, row.term) != answered)
+        return [f"{line[0].upper()}{line[1:]}" for line in lines]
     if not any(axis.is_described for sensor in figures.sensors().values() for axis in sensor.axes):
         return []
     if not figures.sensor:

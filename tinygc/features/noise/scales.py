@@ -26,11 +26,11 @@ TOP = 64
 BY_CHANCE = 1e-3
 #: on the limit of a peak: the noise of a real sensor has heavier tails (a tenth of a percent of the blocks of ADIS16405 at rest exceed 1)
 HEAVIER = 1.25
-#: a spell is noisier than the rest if its variance exceeds it by this share; less is said by the excess of the fit
+#: a spell is noisier than the rest if its variance exceeds it by this share; less shows in the excess of the fit
 NOISIER = 0.25
 #: of a recording: more noisy spells than this are its noise, not spells
 MOST_LEFT_OUT = 0.2
-#: probability of a difference between halves as large by chance, below which it is said; windows of a half
+#: probability of a difference between halves as large by chance, below which it is reported; windows of a half
 STEADY, FEWEST_WINDOWS = 1e-4, 8
 #: windows of the finest scale in a rest that is compared with another
 MANY_WINDOWS = 1000
@@ -127,15 +127,15 @@ WORDS = {"stuck": "Readings stand still", "knock": "Knocks", "noisier": "Spells 
 
 
 def left_out(rests: Sequence[Rest]) -> list[str]:
-    """Say what was left out of all rests together, and when it began where there is one rest."""
-    said = []
+    """What was left out of all rests together, and when it began where there is one rest."""
+    remarks = []
     for kind, words in WORDS.items():
         if seconds := sum(rest.seconds.get(kind, 0.0) for rest in rests):
             when = f" (from {rests[0].first_s[kind]:.4g} s on)" if len(rests) == 1 else ""
-            said.append(f"{words}: {seconds:.3g} s left out{when}.")
+            remarks.append(f"{words}: {seconds:.3g} s left out{when}.")
     if any(rest.unsteady for rest in rests):
-        said.append("The noise is not steady: it differs between spells by more than chance, and the figures are its mean.")
-    return said
+        remarks.append("The noise is not steady: it differs between spells by more than chance, and the figures are its mean.")
+    return remarks
 
 
 def above_chance(peaks: np.ndarray, but: np.ndarray, size: int) -> np.ndarray:
@@ -281,9 +281,9 @@ MEAN = "; the figures are their mean."
 
 
 def unsteady(rests: Sequence[Rest], channel: int, residuals: Sequence[np.ndarray], period_s: float) -> list[str]:
-    """Say where a channel's noise differs by more than chance: between the halves of a rest, at the scale that shows it best, as in a
+    """Where a channel's noise differs by more than chance: between the halves of a rest, at the scale that shows it best, as in a
     warming sensor or a spell of draught; and between long rests, which are one estimate all the same."""
-    said, whole = [], []
+    remarks, whole = [], []
     for rest, means in zip(rests, residuals, strict=True):
         sums = rest.sums[0][channel]
         ratio = sums.shape[1] + 1
@@ -299,7 +299,7 @@ def unsteady(rests: Sequence[Rest], channel: int, residuals: Sequence[np.ndarray
         p_value, noisier, times, samples = min(looks, default=(1.0, 0, 1.0, 0))
         if p_value * max(len(looks), 1) < STEADY:
             over_s, which = samples / 2 * period_s, ("first", "second")[noisier]
-            said.append(f"over {over_s:.3g} s, the noise of its {which} half is {times:.2g} times that of the other{MEAN}")
+            remarks.append(f"over {over_s:.3g} s, the noise of its {which} half is {times:.2g} times that of the other{MEAN}")
     long = [k for k, rest in enumerate(rests) if rest.counts[:, 0].sum() >= MANY_WINDOWS]
     if len(long) > 1:
         squares, freedom = np.array(whole)[long].T
@@ -307,8 +307,8 @@ def unsteady(rests: Sequence[Rest], channel: int, residuals: Sequence[np.ndarray
         p_value, _, times = _apart(squares[ends], freedom[ends])
         if p_value < STEADY:
             low, high = (long[end] + 1 for end in ends)
-            said.append(f"log {high} is {times:.2g} times as noisy as log {low}{MEAN}")
-    return said
+            remarks.append(f"log {high} is {times:.2g} times as noisy as log {low}{MEAN}")
+    return remarks
 
 
 def _apart(squares: np.ndarray, freedom: np.ndarray) -> tuple[float, int, float]:
@@ -329,7 +329,7 @@ def _without(columns: np.ndarray) -> np.ndarray:
 
 # What of a rest goes with its temperature: it is no noise, and is taken off before the slow terms are estimated.
 
-#: degC: a smaller range has nothing to tell, and the self-heating of a switched-on sensor is larger
+#: degC: a smaller range shows nothing, and the self-heating of a switched-on sensor is larger
 LEAST_RANGE_C = 1.0
 #: blocks of a long rest, at least
 LEAST_BLOCKS = 100

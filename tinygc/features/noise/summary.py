@@ -1,4 +1,4 @@
-"""What a rest says of the noise, in constant memory: second moments of block means at each scale.
+"""What a rest shows of the noise, in constant memory: second moments of block means at each scale.
 
 A block is a power of two of samples, about half a second.  Within it the readings are averaged level by level; at each level a window of
 M neighbouring means gives M - 1 contrasts, its discrete cosines without the mean, and only the sums of their products are kept.  A
@@ -112,7 +112,7 @@ class RestSums:
 
     @property
     def lost(self) -> float:
-        """Readings that are missing within runs, as a share of those that are there; 0 where stamps are too uneven to tell."""
+        """Readings that are missing within runs, as a share of those that are there; 0 where stamps are too uneven."""
         there = sum(count for _, count in self._pieces)
         return sum(lost for lost, _ in self._pieces) / there if there else 0.0
 
@@ -192,9 +192,7 @@ class RestSums:
     def _add_blocks(self, values: np.ndarray, count: int) -> None:
         self._many += count
         if self._many > MOST_BLOCKS:
-            raise DataError(
-                f"more than {MOST_BLOCKS} blocks of {self.size / self.rate_hz:g} s; are the stamps in the unit that the header says?"
-            )
+            raise DataError(f"more than {MOST_BLOCKS} blocks of {self.size / self.rate_hz:g} s; are the stamps in the unit of the header?")
         each, channels = values.reshape(CHANNELS + 1, count, self.size), slice(0, CHANNELS)
         mean = each.mean(axis=2)
         peak = np.maximum(each[channels].max(axis=2) - mean[channels], mean[channels] - each[channels].min(axis=2))
@@ -243,10 +241,10 @@ class RestSums:
         sums = [[*level] for level in self._sums]
         counts = [*self._counts]
         if left.shape[1] >= self.ratios[0]:
-            beside = RestSums(self.rate_hz)
-            beside._levels(left, 1)
-            sums = [[*own, *more] for own, more in zip(sums, beside._sums, strict=True)]
-            counts += beside._counts
+            partial = RestSums(self.rate_hz)
+            partial._levels(left, 1)
+            sums = [[*own, *more] for own, more in zip(sums, partial._sums, strict=True)]
+            counts += partial._counts
         wide = [ratio - 1 for ratio in self.ratios]
         summed = [np.concatenate([np.zeros((CHANNELS, 0, w, w)), *level], axis=1) for level, w in zip(sums, wide, strict=True)]
         columns = [np.concatenate(column) for column in zip(*self._blocks, strict=True)] if self._blocks else []

@@ -1,8 +1,8 @@
 """Make the pictures of the README again: python docs/make_pictures.py
 
 Conceals a thermal bias in a simulated session, lets `explain` look at it, and keeps its page; conceals a law that no catalogue has, and
-keeps what `explain --discover` draws of it; and the pages of the Xsens recording and of
-EuRoC's MH_02, where they are beside the checkout.
+keeps what `explain --discover` draws of it; and the page of the Xsens recording, where
+it is next to the checkout.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """What follows from the records of our files: the tables of keys in the pages and the JSON Schemas.
 
-``python docs/make_schemas.py`` writes the tables anew, each below its line ``<!-- keys of MODULE:RECORD -->`` (with
+``python docs/make_schemas.py`` writes the tables, each below its line ``<!-- keys of MODULE:RECORD -->`` (with
 ``in SECTION`` where they stand in one);
 ``python docs/make_schemas.py FOLDER`` writes a JSON Schema of each JSON into a folder, from the records and, of what is written only, from
 the tables of the pages, which give each key's type (docs/formats.md, types).
@@ -23,7 +23,7 @@ import numpy as np
 DOCS = Path(__file__).resolve().parent
 sys.path.insert(0, str(DOCS.parent))
 
-import tinygc  # noqa: E402, F401  # tells where the features are, which have keys as well
+import tinygc  # noqa: E402, F401  # finds the features, which have keys as well
 from session.base.records import REQUIRED, Entry, Record, record_of  # noqa: E402
 from session.base.results import LARGEST, Array, Flag, Keys, ListOf, MapOf, Maybe, Number, Shape, Text  # noqa: E402
 
@@ -47,17 +47,17 @@ def _table(module: str, name: str, section: str | None) -> str:
 
 
 def _rows(shape: Record, within: str) -> list[str]:
-    said, rows = _sentences(shape.kind), []
+    meanings, rows = _sentences(shape.kind), []
     for entry in shape.entries:
         if isinstance(entry.shape, Record):
             rows += _rows(entry.shape, f"{within}{entry.name}.")
         elif within:  # what stands outside of a section has one of its own on the page
-            rows.append(f"| `{within}{entry.name}` | {_range(entry.shape)} | {_default(entry)} | {said[entry.attribute]} |\n")
+            rows.append(f"| `{within}{entry.name}` | {_range(entry.shape)} | {_default(entry)} | {meanings[entry.attribute]} |\n")
     return rows
 
 
 def _sentences(kind: type) -> dict[str, str]:
-    """Field -> what the comments ``#:`` above it say."""
+    """Field -> the comments ``#:`` above it."""
     found = re.finditer(r"((?:    #: .*\n)+)    (\w+):", inspect.getsource(kind))
     return {each[2]: " ".join(line.strip().removeprefix("#: ") for line in each[1].splitlines()) for each in found}
 
@@ -215,7 +215,7 @@ def _type(text: str) -> dict[str, Any]:
 
 
 def json_schema(shape: Shape) -> dict[str, Any]:
-    """A shape in JSON Schema 2020-12; what it does not know may stand beside."""
+    """A shape in JSON Schema 2020-12; further keys are allowed."""
     if isinstance(shape, Number):
         bounds = {"exclusiveMinimum" if shape.above else "minimum": shape.low, "maximum": shape.high}
         return {"type": "integer" if shape.whole else "number"} | {key: value for key, value in bounds.items() if abs(value) < LARGEST}

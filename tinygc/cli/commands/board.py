@@ -120,10 +120,12 @@ def _board(args: Options) -> int:
             if not args.quiet and not is_standard_output(args.json):
                 print(terminal.name, flush=True)
             take = "" if source.number is None else f"take {source.number} of seed {args.seed}; "
-            report(f"{source.info.text}\n{take}open the port with another program, Ctrl-C ends")
+            report(source.info.text)
+            report(f"{take}open the port with another program, Ctrl-C ends")
             board.run()
         finally:
-            report(f"{board.sent} samples sent, {terminal.dropped} writes dropped without a reader")
+            dropped = f", {terminal.dropped} writes dropped without a reader" if terminal.dropped else ""
+            report(f"{board.sent} samples sent{dropped}")
             counts = {"samples": board.sent, "dropped": terminal.dropped, "starts": board.starts, "take": source.number}
             write_json(args.json, {"schema": "tinygc-board/1", **counts})
     return 0

@@ -7,6 +7,7 @@ Parses arguments, runs one command (``tinygc/cli/commands``, a file each), turns
 from __future__ import annotations
 
 import argparse
+import contextlib
 import io
 import os
 import sys
@@ -21,7 +22,7 @@ except ImportError as error:
 from session.base.errors import CalibrationError
 from session.base.texts import printable
 from tinygc.cli.arguments import joined, options_of, parser
-from tinygc.cli.results import ended_by_signals, silence, standard_output
+from tinygc.cli.results import ended_by_signals, silence, standard_output, state_changes
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -59,12 +60,14 @@ def main(arguments: list[str] | None = None) -> int:
 def _run(args: argparse.Namespace) -> int:
     """With the effects of the folders that were named, and no others, in the catalogue."""
     options = options_of(args)
-    if not getattr(options, "effects", None):
-        return args.run(options)
-    from tinygc.effects import using
+    with contextlib.ExitStack() as named:
+        if getattr(options, "effects", None):
+            from tinygc.effects import using
 
-    with using(options.effects):
-        return args.run(options)
+            named.enter_context(using(options.effects))
+        code = args.run(options)
+    state_changes(options)
+    return code
 
 
 def _make_streams_safe() -> None:

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 from session.base.errors import CalibrationError
 from session.base.files import is_stream, refuse_link
 from session.base.names import refuse_recorded
+from session.base.options import declared
 from session.base.texts import printable
 from tinygc.cli.arguments import is_standard_output
 
@@ -141,6 +142,19 @@ def verdict(args: Any, line: RenderableType) -> None:
 def complain(line: str) -> None:
     """Print one line on standard error, whatever file or folder it quotes."""
     print(f"calibrate: {printable(line)}", file=sys.stderr)
+
+
+def state_changes(args: Any) -> None:
+    """State on standard error what a person left out or changed of each session that a command was given; nothing when quiet."""
+    from session.log.config import by_hand_words, read_config
+
+    given = [getattr(args, each.name) for each, rule in declared(args) if rule.positional]
+    for path in (path for value in given for path in (value if isinstance(value, tuple) else (value,)) if isinstance(path, Path)):
+        if (path / "session.toml").is_file() and not args.quiet:
+            with contextlib.suppress(CalibrationError):
+                config = read_config(path / "session.toml")
+                if words := by_hand_words([*config.exclude, *config.still]):
+                    print(printable(f"{path.name}: {words}"), file=sys.stderr)
 
 
 def inside(folder: Path, name: str) -> Path | None:

@@ -13,6 +13,7 @@ import numpy as np
 from session.base.numeric import rms_of
 from session.base.texts import command_line, listed, measured, printable, probability, significant
 from session.base.units import DEG
+from session.detect.first_look import CHANGED
 from tinygc.effects import catalogue
 from tinygc.effects.effect import Derived
 from tinygc.explanation.claims import Claim
@@ -107,8 +108,8 @@ def _looks(e: Explanation) -> Iterator[Text]:
         yield Text(f"Lever arm {lever} mm.{'' if e.gravity.is_offset else step}")
         if not e.repaired.found:
             yield Text("No clipping, no lost samples.")
-    if e.warnings:
-        what = listed(list(dict.fromkeys(warning.what for warning in e.warnings)), 3)
+    if warned := [warning.what for warning in e.warnings if warning.what != CHANGED]:
+        what = listed(list(dict.fromkeys(warned)), 3)
         yield one_line(f"The first look warns of {what}: see `check`.", "yellow")
 
 

@@ -49,6 +49,10 @@ class Screen:
     slow: bool = False
 
 
+ARRAY = "simulate --out array --units 3 --segments 16 --odr-hz 104"
+#: outputs of a sensor on a rate table, V
+RATES = "rate_dps,output_v\n-60,-1.2001\n-40,-0.7998\n-20,-0.4001\n0,0.0002\n20,0.3999\n40,0.8001\n60,1.1999\n"
+
 SCREENS = (
     Screen("budget good", r"Attitude after 60 s: within [\d.]+° \(95 %\), 100 % from bias of another switch-on\.", slow=True),
     Screen("budget good --of bias_x", r"bias x: [-\d.]+ ± [\d.]+ dps \(95 %, k = [\d.]+, \d+ dof\)", slow=True),
@@ -68,6 +72,10 @@ SCREENS = (
     Screen("fit good", r"PASS: held-out turns close to 0\.0143° \(limit 0\.028°\), closure run to 0\.0435°$", 21),
     Screen("fit good --limit 0.001", r"FAIL: held-out turns close to", code=1, slow=True),
     Screen("demo --out made", r"PASS: ", slow=True),
+    Screen("table list", r"grbl  ", 4),
+    Screen("rates rates.csv", r"rates: a straight line; it leaves 0\.000135 V rms$", slow=True),
+    Screen("fit array", r"3 units: closure 0\.\d+ to 0\.\d+° \(floor 0\.\d+°\); together 1\.\d+ × less noise$", before=(ARRAY,), slow=True),
+    Screen("explain array", r"OK: nothing beyond the model shows", before=(ARRAY,), slow=True),
 )
 
 
@@ -132,6 +140,7 @@ def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("screens")
     (folder / "calibrate.py").symlink_to(ROOT / "calibrate.py")
     shutil.copytree(ROOT / "data" / "session1", folder / "good", copy_function=shutil.copyfile)
+    (folder / "rates.csv").write_text(RATES, encoding="utf-8")
     return folder
 
 

@@ -69,6 +69,7 @@ SCREENS = (
     Screen("simulate --out made --segments 2 --closure 0 --odr-hz 62.5", r"made: 2 turns simulated; the truth is in truth.json$", 3),
     Screen("check good --all", r"READY \(30 ok\)$", 60, slow=True),
     Screen("check", r"1 session, "),
+    Screen("view good --out view.html", r"written: view\.html$", 1),
     Screen("fit good", r"PASS: held-out turns close to 0\.0143° \(limit 0\.028°\), closure run to 0\.0435°$", 21),
     Screen("fit good --limit 0.001", r"FAIL: held-out turns close to", code=1, slow=True),
     Screen("demo --out made", r"PASS: ", slow=True),

@@ -20,9 +20,8 @@ except ImportError as error:
     sys.exit(2)
 
 from session.base.errors import CalibrationError
-from session.base.texts import printable
 from tinygc.cli.arguments import joined, options_of, parser
-from tinygc.cli.results import ended_by_signals, silence, standard_output, state_changes
+from tinygc.cli.results import complain, ended_by_signals, silence, standard_output, state_changes
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -43,17 +42,17 @@ def main(arguments: list[str] | None = None) -> int:
                 sys.stdout.flush()
         return code
     except CalibrationError as error:
-        print(f"calibrate: {error}", file=sys.stderr)
+        complain(str(error))
         return error.exit_code
     except KeyboardInterrupt:
-        print("calibrate: interrupted", file=sys.stderr)
+        complain("interrupted")
         return 130
     except OSError as error:
         try:
             sys.stdout.flush()
         except OSError:
             silence(sys.stdout.fileno())
-        print(f"calibrate: {printable(f'{error.filename}: ' if error.filename else '')}{error.strerror or error}", file=sys.stderr)
+        complain(f"{f'{error.filename}: ' if error.filename else ''}{error.strerror or error}")
         return 2
 
 

@@ -70,6 +70,7 @@ SCREENS = (
     Screen("check good --all", r"READY \(30 ok\)$", 60, slow=True),
     Screen("check", r"1 session, "),
     Screen("view good --out view.html", r"written: view\.html$", 1),
+    Screen("check", r"\d+ sessions?, "),
     Screen("fit good", r"PASS: held-out turns close to 0\.0143° \(limit 0\.028°\), closure run to 0\.0435°$", 21),
     Screen("fit good --limit 0.001", r"FAIL: held-out turns close to", code=1, slow=True),
     Screen("demo --out made", r"PASS: ", slow=True),
@@ -77,6 +78,13 @@ SCREENS = (
     Screen("rates rates.csv", r"rates: a straight line; it leaves 0\.000135 V rms$", slow=True),
     Screen("fit array", r"3 units: closure 0\.\d+ to 0\.\d+° \(floor 0\.\d+°\); together 1\.\d+ × less noise$", before=(ARRAY,), slow=True),
     Screen("explain array", r"OK: nothing beyond the model shows", before=(ARRAY,), slow=True),
+    Screen("sensors", r"20 sensors; "),
+    Screen("sensors mpu6050", r"MPU-6050, MPU-6000$", slow=True),
+    Screen("export good --to px4", r"written: good/export/px4.params$", before=("fit good",), slow=True),
+    Screen("apply good good/log0001.csv.gz -o out.csv", r"out.csv: 46521 samples, calibrated ", before=("fit good",), slow=True),
+    Screen("report good", r"PASS: ", slow=True),
+    Screen("fit good --accelerometer alone", r"good: 41 stills in 28 attitudes; ", slow=True),
+    Screen("demo --out tried", r"PASS: ", slow=True),
 )
 
 

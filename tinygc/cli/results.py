@@ -6,9 +6,11 @@ import contextlib
 import errno
 import os
 import select
+import shutil
 import signal
 import sys
 import tempfile
+import textwrap
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -140,8 +142,11 @@ def verdict(args: Any, line: RenderableType) -> None:
 
 
 def complain(line: str) -> None:
-    """Print one line on standard error, whatever file or folder it quotes."""
-    print(f"calibrate: {printable(line)}", file=sys.stderr)
+    """Print one line on standard error, whatever file or folder it quotes; on a terminal it wraps between words."""
+    text = f"calibrate: {printable(line)}"
+    if sys.stderr.isatty():
+        text = textwrap.fill(text, shutil.get_terminal_size().columns, break_long_words=False, break_on_hyphens=False)
+    print(text, file=sys.stderr)
 
 
 def state_changes(args: Any) -> None:

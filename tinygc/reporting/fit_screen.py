@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from session.base.texts import command_line
+from session.base.texts import command_line, significant
 from session.detect.stills import BY_HAND
 from tinygc.fitting.results import FitResult
 from tinygc.inference.decide import KINDS
@@ -29,7 +29,7 @@ def verdict_lines(decision: Acceptance, reasons: bool = False) -> list[Text]:
     if reasons:
         met = {True: "met", False: "not met", None: "not decided"}
         small += [f"  {met[each]}: {reason}" for each, reason in decision.reasons]
-        small += [f"  limit {decision.limit_deg:.4g}°: {decision.limit_from}"] if decision.limit_deg is not None else []
+        small += [f"  limit {significant(decision.limit_deg)}°: {decision.limit_from}"] if decision.limit_deg is not None else []
     return [*lines, *(one_line(line, "dim") for line in small)]
 
 
@@ -73,8 +73,11 @@ def next_line(result: FitResult, decision: Acceptance, effects: Sequence[Path] =
         return one_line(f"next: record more turns, to more attitudes; {command_line('check', folder)}")
     if missing_of(result):
         return one_line(f"next: {command_line('fit', folder, '--physics', 'auto', *_given(effects))}")
-    unexplained = bool(contradictions(result.tests)) or not decision.passed
-    return one_line(f"next: {command_line('explain' if unexplained else 'report', folder, *_given(effects))}")
+    if contradictions(result.tests) or not decision.passed:
+        return one_line(f"next: {command_line('explain', folder, *_given(effects))}")
+    if decision.answer == "not decided":
+        return one_line(f"next: record more turns; {command_line('check', folder, '--plan')} names them")
+    return one_line(f"next: {command_line('report', folder, *_given(effects))}")
 
 
 def missing_of(result: FitResult) -> str:

@@ -54,6 +54,8 @@ ARRAY = "simulate --out array --units 3 --segments 16 --odr-hz 104"
 RATES = "rate_dps,output_v\n-60,-1.2001\n-40,-0.7998\n-20,-0.4001\n0,0.0002\n20,0.3999\n40,0.8001\n60,1.1999\n"
 
 SCREENS = (
+    Screen("explain good", r"OK: nothing beyond the model shows \(p = 0\.\d+\)\.$", slow=True),
+    Screen("challenge --cases 1", r"3 of 3 effects found in simulation, 0 wrong names\.$", slow=True),
     Screen("budget good", r"Attitude after 60 s: within [\d.]+° \(95 %\), 100 % from bias of another switch-on\.", slow=True),
     Screen("budget good --of bias_x", r"bias x: [-\d.]+ ± [\d.]+ dps \(95 %, k = [\d.]+, \d+ dof\)", slow=True),
     Screen("verify good good", r"UNDECIDED: the model was fitted to this very recording\.", code=5, before=("fit good",), slow=True),

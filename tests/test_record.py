@@ -114,7 +114,7 @@ def test_the_signals_are_what_they_were_afterwards():
         (["--resume", "--out", "{new}"], 2, "no recording to resume"),
         (["--out", "{log}"], 2, "holds log0001.csv; give another --out"),
         (["--out", "{new}", "--like", "{new}/none.toml"], 2, "no such folder"),
-        (["--out", "{new}"], 3, "cannot be opened"),
+        (["--out", "{new}"], 3, "no-port: No such file or directory; see record --port list"),
         (["--out", "{log}/log0001.csv"], 2, "log0001.csv"),
         (["--out", "{new}", "--closure", "4"], 2, "--closure is 4.0, expected a number from 5 to 3600 s"),
         (["--out", "{new}", "--view", "here"], 2, "'here' is no address of this computer"),

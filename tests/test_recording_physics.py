@@ -273,7 +273,7 @@ def test_whatever_pyserial_raises_is_a_pulled_cable(error, wire, monkeypatch):
 
 
 def test_a_port_that_is_not_there_or_taken(wire, tmp_path):
-    with pytest.raises(DeviceError, match=r"No such file or directory.*calibrate.py record --port list") as said:
+    with pytest.raises(DeviceError, match=r"No such file or directory; see record --port list") as said:
         Port(str(tmp_path / "nothing"))
     assert said.value.exit_code == 3
     port = Port(wire[1])

@@ -169,7 +169,7 @@ class Port:
         try:
             self._serial = self._open()
         except UNPLUGGED as error:
-            raise DeviceError(f"{name}: cannot be opened ({reason(error)}); see {LIST_PORTS}") from None
+            raise DeviceError(f"{name}: {reason(error)}; see record --port list") from None
         self._thread = threading.Thread(target=self._read, name="port-reader", daemon=True)
         self._thread.start()
 
@@ -261,10 +261,11 @@ def _close(port: serial.Serial) -> None:
 
 def reason(error: Exception) -> str:
     """The system's message, and what to do where that is known."""
-    number = error.args[0] if isinstance(error, TerminalError) else getattr(error, "errno", None)
-    if not isinstance(number, int):
-        return str(error)
-    return os.strerror(number) + HINTS.get(number, "")
+    for each in (error, error.__context__):  # of a terminal's error the library repeats the text alone
+        number = each.args[0] if isinstance(each, TerminalError) else getattr(each, "errno", None)
+        if isinstance(number, int):
+            return os.strerror(number) + HINTS.get(number, "")
+    return str(error)
 
 
 # A board that takes commands gets the requested settings each time that its port is opened; one that takes none is only listened to.

@@ -123,7 +123,7 @@ class Recording(Command, Stream):
 class Turning(Recording):
     """Options of a recording of turns."""
 
-    segments: int | None = option(None, f"make so many turns (as many as all numbers need, {MOST_TURNS} at most)", least=1)
+    segments: int | None = option(None, f"make N turns (as many as all numbers need, at most {MOST_TURNS})", least=1)
     closure: float = option(0.0, "then lead through a closure run with S seconds of turning (60)", unit="s", least=0, most=3600, alone=60.0)
     coached: bool = option(True, "recommend each turn", off="any turn will do", flags=("--no-coach",), rare=True)
     view: Any = option(

@@ -129,7 +129,7 @@ def test_a_board_that_is_not_there_is_refused_before_the_table_is_opened(run, ab
     """--home would turn it first."""
     code, _, err = run("table", "record", "--table", absent, "--home", "--yes", "--port", tmp_path / "board-port", "--out", tmp_path / "s")
     assert (code, err.count("\n")) == (3, 1)
-    assert "board-port: cannot be opened" in err
+    assert "board-port: No such file or directory; see record --port list" in err
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,7 @@
 A block whose first line begins with ``$`` is run, line by line, in a scratch folder of its page, which holds a copy of ``data``; the output
 replaces what stands below each line.  Comments above the block change that:
 
-- ``<!-- run: COMMAND -->``: a command that is not shown;
+- ``<!-- run: COMMAND -->``: a command that is not shown; the file ``PAGE`` is the page;
 - ``<!-- lines 1-4, 9-12 -->``: these lines of each output, with … where lines are left out;
 - ``<!-- run -->`` above a block of Python: it is run, and must not fail;
 - ``<!-- not run: REASON -->``: the block stays as it is.
@@ -26,7 +26,13 @@ ROOT = Path(__file__).resolve().parent.parent
 PART = re.compile(r"^<!-- (.*?) -->$|^( *)```(\w*)\n(.*?)^ *```$", re.S | re.M)
 SLOW = "<!-- slow examples -->"
 #: runs the checkout's command line under the name that a reader types
-SCRIPT = "import sys\nsys.path.insert(0, {root!r})\nsys.argv[0] = 'calibrate.py'\nimport calibrate\nsys.exit(calibrate.main())\n"
+SCRIPT = """import sys
+sys.path.insert(0, {root!r})
+if __name__ == "__main__":
+    sys.argv[0] = "calibrate.py"
+    import calibrate
+    sys.exit(calibrate.main())
+"""
 
 
 def pages() -> list[Path]:
@@ -44,6 +50,7 @@ def made(text: str) -> str:
         (folder / ".bin").mkdir()
         (folder / ".bin" / "python").write_text(f'#!/bin/sh\nexec "{sys.executable}" "$@"\n', encoding="utf-8")
         (folder / ".bin" / "python").chmod(0o755)
+        (folder / "PAGE").write_text(text, encoding="utf-8")
         notes: list[str] = []
 
         def part(found: re.Match[str]) -> str:

@@ -1,4 +1,4 @@
-"""Make the picture of found-in-the-wild.md again: python docs/make_wild_picture.py (needs ../shared/wild)
+"""Make the picture of docs/real-recordings.md again: python docs/make_wild_picture.py (needs ../shared/wild)
 
 Above: gravity along the x axis of a rocket's board, as its accelerometer read it, and as the rates carry it on from each still.
 Below: what BROAD's gyroscope read less what the cameras saw turn.

@@ -2,7 +2,7 @@
 
 A line of ``Rev2_IMU_Data/IMU_Rev2_Data_Long.txt`` is the time in s, specific force in m/s^2, rates in dps, four cells of the magnetometer,
 pressure in kPa and temperature in degC; the authors' file of information says so.  They stay as the authors wrote them, although the rates
-turn out to be half of the truth: docs/found-in-the-wild.md.
+turn out to be half of the truth: docs/real-recordings.md.
 """
 
 from __future__ import annotations

@@ -7,7 +7,6 @@ Parses arguments, runs one command (``tinygc/cli/commands``, a file each), turns
 from __future__ import annotations
 
 import argparse
-import contextlib
 import io
 import os
 import sys
@@ -20,8 +19,9 @@ except ImportError as error:
     sys.exit(2)
 
 from session.base.errors import CalibrationError
+from session.base.texts import printable
 from tinygc.cli.arguments import joined, options_of, parser
-from tinygc.cli.results import complain, ended_by_signals, silence, standard_output, state_changes
+from tinygc.cli.results import ended_by_signals, silence, standard_output
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -42,31 +42,29 @@ def main(arguments: list[str] | None = None) -> int:
                 sys.stdout.flush()
         return code
     except CalibrationError as error:
-        complain(str(error))
+        print(f"calibrate: {error}", file=sys.stderr)
         return error.exit_code
     except KeyboardInterrupt:
-        complain("interrupted")
+        print("calibrate: interrupted", file=sys.stderr)
         return 130
     except OSError as error:
         try:
             sys.stdout.flush()
         except OSError:
             silence(sys.stdout.fileno())
-        complain(f"{f'{error.filename}: ' if error.filename else ''}{error.strerror or error}")
+        print(f"calibrate: {printable(f'{error.filename}: ' if error.filename else '')}{error.strerror or error}", file=sys.stderr)
         return 2
 
 
 def _run(args: argparse.Namespace) -> int:
     """With the effects of the folders that were named, and no others, in the catalogue."""
     options = options_of(args)
-    with contextlib.ExitStack() as named:
-        if getattr(options, "effects", None):
-            from tinygc.effects import using
+    if not getattr(options, "effects", None):
+        return args.run(options)
+    from tinygc.effects import using
 
-            named.enter_context(using(options.effects))
-        code = args.run(options)
-    state_changes(options)
-    return code
+    with using(options.effects):
+        return args.run(options)
 
 
 def _make_streams_safe() -> None:

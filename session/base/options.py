@@ -135,6 +135,8 @@ class Record:
 
     #: begins the flags of all its fields
     PREFIX = ""
+    #: heading of options that only ``--help-all`` shows
+    RARE = ""
 
     def __post_init__(self) -> None:
         """Check each field by what it declares."""
@@ -407,7 +409,7 @@ def add_arguments(command: argparse.ArgumentParser, kind: Any) -> None:
             settings["action"] = "store_false" if each.default is True else "store_true"
         else:
             settings |= _value(each, rule)
-        groups[rule.group].add_argument(*words, **settings).rare = rule.rare
+        groups[rule.group].add_argument(*words, **settings).rare = rule.rare or (rule.group != "" and rule.group == kind.RARE)
 
 
 def _value(each: Field[Any], rule: Rule) -> dict[str, Any]:

@@ -32,7 +32,7 @@ class QuestionsError(FormatError):
         self.questions = tuple(dict.fromkeys(questions))
         whats = [question.what for question in self.questions]
         listed = " and ".join(filter(None, (", ".join(whats[:-1]), whats[-1])))
-        super().__init__(f"{file} ({dialect}) does not say {listed}; give {' '.join(question.typed for question in self.questions)}")
+        super().__init__(f"{file} ({dialect}) does not state {listed}; give {' '.join(question.typed for question in self.questions)}")
 
 
 def all_of(errors: list[QuestionsError]) -> QuestionsError:

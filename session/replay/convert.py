@@ -19,16 +19,18 @@ from session.base.questions import QuestionsError
 from session.base.records import Count, Key
 from session.base.texts import command_line, comment
 from session.base.toml import edited
-from session.base.units import NS, TIME, endings
+from session.base.units import EARTH_RATE_RPS, MDPS, NS, TIME, endings
 from session.detect.findings import Finding
 from session.detect.first_look import check_folder
+from session.detect.segments import session_segments
+from session.detect.stills import SessionStills
 from session.log.config import Accelerometer, Config, Protocol, Sensor, Site, read_config
 from session.log.folder import Session, read_session
 from session.log.logfile import CALIBRATED, read_log
 from session.log.registers import profile_of
 from session.log.stamps import FASTEST_HZ, SLOWEST_HZ, fresh, pace_of
 from session.log.standard import flags_of
-from session.log.written import LATITUDE_REMOVES, toml_text
+from session.log.written import toml_text
 from session.replay.answers import (
     ASSUMED_RANGE,
     sensor_of,
@@ -39,11 +41,11 @@ from session.replay.answers import (
 from session.replay.clock import TOLD
 from session.replay.dialects import OWN
 from session.replay.guesses import Guess, answered, contradicted
+from session.replay.interpretation import interpretation, read_as
 from session.replay.join import Joined, join
 from session.replay.options import AXES, Answers
 from session.replay.recognise import UnknownColumnsError
 from session.replay.sources import Source, sources_of
-from session.replay.took import said_took
 
 # From what is on the card to a session folder: ``session.toml`` and a log that has lost nothing.
 
@@ -53,12 +55,17 @@ US_NS = 1000
 EVEN_SIGMA = "even_sigma_ppm"
 
 
+#: words of notes whose content stands in ``took`` as well
+TAKEN = (ASSUMED_RANGE, "is taken for", "are taken for", "read as a table")
+
+
 @dataclass(frozen=True)
 class Imported:
     """Result of ``tinygc.import_log``: a session folder, and what was taken for what.
 
     folder and log that were written; dialects read; samples; notes on what was repaired, assumed or left out; findings of the first
-    look; next: what to run; took: program, columns, units and full scales, clock and rate, in three lines.
+    look; next: what to run; took: program, columns, units and full scales, clock and rate, a line each; read_as: the units in one line;
+    turns, stills: how many it has, None where that is not known; rate_hz.
     """
 
     schema = "tinygc-replay/2"
@@ -71,6 +78,22 @@ class Imported:
     findings: tuple[Finding, ...]
     next: tuple[str, ...]
     took: tuple[str, ...] = ()
+    read_as: str = ""
+    turns: int | None = None
+    stills: int | None = None
+    rate_hz: float | None = None
+
+    @property
+    def headline(self) -> str:
+        """Such as ``data/mine: 40 turns, 41 stills, 208 Hz.``."""
+        counts = ((self.turns, "turn"), (self.stills, "still"))
+        found = [f"{count} {what}{'s' * (count != 1)}" for count, what in counts if count is not None] or [f"{self.samples} samples"]
+        return f"{self.folder}: {', '.join((*found, *([f'{self.rate_hz:.4g} Hz'] if self.rate_hz else [])))}."
+
+    @property
+    def repairs(self) -> list[str]:
+        """The notes whose content is in no line of ``took``: on what was repaired or left out."""
+        return [note for note in self.notes if not any(word in note for word in TAKEN)]
 
     @property
     def log_name(self) -> Annotated[str, Key("log")]:
@@ -146,7 +169,7 @@ def _converted(
             rate_hz, duration_s = float(f"{pace_of(t_ns).rate_hz:.4g}"), float(t_ns[-1] - t_ns[0]) * NS
             del t_ns
             _require_a_sensors_rate(sources[0], rate_hz)
-            took = said_took(sources, joined, answers, assumed, rate_hz, duration_s)
+            took, stated = interpretation(sources, joined, answers, assumed, rate_hz, duration_s), read_as(joined, answers, rate_hz)
             if add:
                 taken = {path.name.split(".")[0] for path in log_paths(out, add)}
                 stem = next(f"{add}{number:04d}" for number in range(1, 10_000) if f"{add}{number:04d}" not in taken)
@@ -161,9 +184,24 @@ def _converted(
                 sensor = replace(sensor_of(answers), serial=serial, odr_hz=answers.odr_hz or rate_hz, even_sigma_ppm=even)
                 _write_toml(work / "session.toml", sources, sensor, assumed, out)
         dialects = tuple(dict.fromkeys(source.layout.dialect for source in sources))
+    findings, turns, stills = first_look_at(out)
+    return Imported(
+        out, out / name, dialects, samples, tuple(notes), findings, next_steps(out, findings), took, stated, turns, stills, rate_hz
+    )
+
+
+def first_look_at(folder: Path) -> tuple[tuple[Finding, ...], int | None, int | None]:
+    """The findings in a new folder, and how many turns and stills it has, where nothing is an error."""
+    counts: list[int] = []
+
+    def count(session: Session, found: SessionStills) -> list[Finding]:
+        parts = session_segments(session, found)
+        counts.extend((sum(segment.accepted for part in parts for segment in part.segments), sum(len(part.stills) for part in parts)))
+        return []
+
     with np.errstate(all="ignore"):  # what is absurd in a log becomes a finding, not a warning of numpy's
-        findings = tuple(check_folder(out))
-    return Imported(out, out / name, dialects, samples, tuple(notes), findings, _next(out, findings), took)
+        findings = tuple(check_folder(folder, count))
+    return findings, *(counts or (None, None))
 
 
 def _as_in(sensor: Sensor, answers: Answers) -> Answers:
@@ -277,8 +315,8 @@ def _source(sources: Sequence[Source]) -> str:
     return comment(", ".join(f"{source.path.name} ({source.layout.dialect})" for source in sources)).replace("=", "_")
 
 
-def _next(out: Path, findings: tuple[Finding, ...]) -> tuple[str, ...]:
-    look = command_line("check", out)
+def next_steps(out: Path, findings: tuple[Finding, ...]) -> tuple[str, ...]:
+    """What to run, and what may be added."""
     if any(finding.level == "error" for finding in findings):
-        return (look,)
-    return look, command_line("fit", out), f"optional: site.latitude_deg in {out / 'session.toml'} ({LATITUDE_REMOVES})"
+        return (command_line("check", out),)
+    return command_line("fit", out), f"optional: your latitude in {out / 'session.toml'} (removes {EARTH_RATE_RPS / MDPS:.0f} mdps)"

@@ -17,7 +17,7 @@ import numpy as np
 from session.base.errors import CalibrationError
 from session.base.numeric import median_length
 from session.base.questions import QuestionsError
-from session.base.units import LARGEST_DPS, TIME, G, parse_unit
+from session.base.units import DEG, LARGEST_DPS, TIME, G, parse_unit
 from session.detect.axes import EXPLAINED, agreement
 from session.detect.stills import find_stills
 from session.log.samples import Samples
@@ -54,7 +54,7 @@ TENTATIVE_HZ = 100.0
 #: of gravity's movement, what columns without names may leave unexplained
 UNPROVEN = 0.2
 #: how people are told that a unit is known
-BY_LENGTH, BY_MOVEMENT, BY_RATES = "by gravity's length", "by gravity's movement", "by the sensors' rates"
+BY_GRAVITY, BY_RATES = "by gravity", "by the sensors' rates"
 #: option of a question -> kinds of units that answer it
 KINDS = {"--time-unit": {"time"}, "--gyro-unit": {"gyro"}, "--accel-unit": {"accel"}, "--gyro-fs": {"gyro"}, "--accel-fs": {"accel"}}
 KINDS |= {"--sensor": {"gyro", "accel"}}
@@ -167,23 +167,32 @@ def decide(
     if not forces or ("accel" in kinds and _steadiness(values["accel"]) < STEADY):
         return None
     force = min(forces)[1]
-    found: list[tuple[str, str]] = []
-    per_ns = joined.gyro_layout.time_ns
+    per_ns, most = joined.gyro_layout.time_ns, float(np.abs(values["gyro"]).max(initial=0))
     moved = replace(joined, gyro=values["gyro"], accel=values["accel"])
-    most = float(np.abs(values["gyro"]).max(initial=0))
-    for (rate, si), time in product(candidates["gyro"].items(), time_units if "time" in kinds else ("",)):
-        if most * si > np.deg2rad(LARGEST_DPS) * WITHIN:
-            continue
-        scale = _scale(moved, si, candidates["accel"][force], TIME[time] / per_ns if time else 1.0, UNPROVEN if nameless else EXPLAINED)
+    times = {time: TIME[time] / per_ns for time in time_units} if "time" in kinds else {"": 1.0}
+    pairs = {
+        (rate, time): (si, ratio)
+        for (rate, si), (time, ratio) in product(candidates["gyro"].items(), times.items())
+        if most * si < LARGEST_DPS * DEG * WITHIN
+    }
+    # Angles are proportional to the product of both: what it must be is known from any pair that explains gravity's movement.
+    explained = (
+        si * ratio * scale
+        for si, ratio in pairs.values()
+        if (scale := _scale(moved, si, candidates["accel"][force], ratio, UNPROVEN if nameless else EXPLAINED)) is not None
+    )
+    angle = next(explained, 0.0)
+    found = []
+    for (rate, time), (si, ratio) in pairs.items() if angle else ():
         within = WITHIN_COUNTS if rate in COUNTS["gyro"] else WITHIN
-        if scale is not None and (no_rate or 1 / within < scale < within):
+        if no_rate or 1 / within < angle / (si * ratio) < within:
             found.append((rate, time))
-    by = {"accel": BY_LENGTH} if "accel" in kinds else {}
+    by = {"accel": BY_GRAVITY} if "accel" in kinds else {}
     decided = {"accel": force} if "accel" in kinds else {}
     if len(found) == 1 or (found and no_rate):
         for kind, unit in zip(("gyro", "time"), found[0], strict=True):
             if kind in kinds:
-                decided[kind], by[kind] = unit, BY_MOVEMENT
+                decided[kind], by[kind] = unit, BY_GRAVITY
     elif exchanged or nameless:
         return None
     elif "time" in kinds and len(time_units) == 1:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -10,8 +11,11 @@ from typing import Any
 from session.base import features
 from session.base.budget import budget
 from session.base.errors import FormatError
-from session.base.options import given, refuse_beside
-from session.base.texts import install_line, letters_of
+from session.base.files import MOST_TOML, read_text
+from session.base.options import given, refuse_beside, typed
+from session.base.texts import comment, install_line, letters_of, printable
+from session.log.folder import sha256_of
+from session.log.lines import STANDARD
 from session.replay.binary import registry
 from session.replay.convert import Imported, convert
 from session.replay.dialects import DIALECTS, OWN
@@ -44,6 +48,8 @@ def import_log(
             return import_log(paths, out, answers, add=add, serial=serial, columns=columns, header=header, further=further)
     if add not in (None, "log", "closure"):
         raise FormatError(f"add is {add!r:.40}, expected log or closure")
+    if missing := [path for path in paths if str(path) != STANDARD and not path.exists()]:
+        raise FormatError(f"{missing[0]}: not found; give the log's file")
     if answers.like is not None:
         answers = replace(answers, like=kind_named(answers.like))
     out = Path(_stem(paths[0])) if out is None else out
@@ -61,6 +67,33 @@ def import_log(
     if (made := features.first("import of logs", paths, out, answers, **how)) is not None:
         return made
     return convert(paths, out, answers, add, serial, columns)
+
+
+#: begin comments in session.toml: what a folder was made of, with which options, and how that was read
+MADE_OF, MADE_WITH, READ_AS = "# made of", "# made with", "# read as:"
+
+
+def session_next_to(paths: Sequence[Path], answers: Answers) -> tuple[Path, str]:
+    """The session folder of a log, next to it, made where it is not there; and how the log was read, in one line.
+
+    Raises what ``import_log`` does, and FormatError for a folder that was made of something else.
+    """
+    folder, config = paths[0].parent / _stem(paths[0]), paths[0].parent / _stem(paths[0]) / "session.toml"
+    made_of = [f"{MADE_OF} {comment(path.name)}, sha256 {sha256_of(path)}" for path in paths if path.is_file()]
+    options = shlex.join(typed(answers))
+    if folder.is_dir() and any(folder.iterdir()):
+        text = read_text(config, MOST_TOML) if config.is_file() else ""
+        there = [line for line in text.splitlines() if line.startswith((MADE_OF, MADE_WITH, READ_AS))]
+        if not made_of or there[: len(made_of)] != made_of:
+            raise FormatError(f"{folder}: exists, and was not made of {paths[0].name} as it is now; move it, or import with --out DIR")
+        if options and f"{MADE_WITH} {options}" not in there:
+            raise FormatError(f"{folder}: exists, and was made with other options than {options}; move it, or leave them out")
+        return folder, next((line.removeprefix("# ") for line in there if line.startswith(READ_AS)), "")
+    made = import_log(paths, folder, answers)
+    remarks = [*made_of, *([f"{MADE_WITH} {options}"] if options else []), *([f"# {made.read_as}"] if made.read_as else [])]
+    with config.open("a", encoding="utf-8") as file:
+        file.writelines(f"{printable(remark)}\n" for remark in remarks)
+    return folder, made.read_as
 
 
 def kind_named(text: str) -> str:

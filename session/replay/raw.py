@@ -10,23 +10,21 @@ import numpy as np
 from session.base.errors import CalibrationError, FormatError
 from session.base.files import MB, copy_new, folder_whole, open_file, require_empty
 from session.base.questions import QuestionsError
-from session.base.texts import command_line
 from session.bench.decoder import StreamDecoder
 from session.bench.frames import damaged_words
 from session.bench.logwriter import FOREIGN, LogWriter, not_logged_words
 from session.bench.rawfile import cut_words
 from session.bench.recorder import BLOCK, stream
 from session.bench.session_file import ASSUMED, NAME, PATIENCE_S, SessionFile
-from session.detect.first_look import check_folder
 from session.log.config import read_config
 from session.log.logfile import read_log
 from session.log.reader import Reader
-from session.replay.convert import Imported
+from session.replay.convert import Imported, first_look_at, next_steps
 from session.replay.dialects import OWN
+from session.replay.interpretation import port_interpretation
 from session.replay.options import Answers
 from session.replay.sources import head_of
 from session.replay.tables import TableReader
-from session.replay.took import said_port
 
 SUFFIX = ".bin"
 #: bytes without a sample: three hours of a port that listens at a wrong speed
@@ -94,10 +92,10 @@ def convert_raw(raw_path: Path, out: Path, answers: Answers, header: str | None 
         notes.append(not_logged_words(logs.not_logged, logs.not_logged_starts))
     notes += [words] if (words := cut_words(raw_path)) else []
     notes += [ASSUMED] * assumed
-    next_steps = (command_line("check", out), command_line("fit", out))
     log = out / own[0].name
-    findings, took = tuple(check_folder(out)), _took(raw_path, log)
-    return Imported(out, log, ("a port's raw bytes",), decoder.samples, tuple(notes), findings, next_steps, took)
+    findings, turns, stills = first_look_at(out)
+    steps, took = next_steps(out, findings), _took(raw_path, log)
+    return Imported(out, log, ("a port's raw bytes",), decoder.samples, tuple(notes), findings, steps, took, "", turns, stills)
 
 
 def _took(raw_path: Path, log: Path) -> tuple[str, ...]:
@@ -109,7 +107,7 @@ def _took(raw_path: Path, log: Path) -> tuple[str, ...]:
     except CalibrationError:
         return ()
     rate = f"{samples.pace.rate_hz:.4g} Hz for {samples.duration_s:.1f} s" if np.diff(samples.t_ns).any() else "one sample"
-    return said_port(raw_path.name, layout, sensor, rate)
+    return port_interpretation(raw_path.name, layout, sensor, rate)
 
 
 def _configure(raw_path: Path, out: Path, decoder: StreamDecoder, logs: LogWriter, answers: Answers) -> bool:

@@ -30,7 +30,7 @@ HOW = "t_us=NAME,gx_dps=NAME,…,az_g=NAME"
 NUMBER = r"[-+]?(?:[0-9]++[.,]?[0-9]*+|[.,][0-9]++)(?:[eE][-+]?[0-9]++)?"
 #: stands where one of our own headers lacks the time
 NO_STAMPS = "t_us"
-NO_TIME = "when its samples were taken (it has no time stamps)"
+NO_TIME = "its data rate, as it has no time stamps"
 #: where a unit is from, as people are told
 BY_HEADER, DOCUMENTED = "header", "as that program documents"
 #: how well a header fits (the more the better), its line, delimiter, dialect or None for our own, {what: column}, names
@@ -46,7 +46,7 @@ class UnknownColumnsError(FormatError):
         self.file, _, form = where.partition(", ")
         self.dialect, self.columns, self.stamped, self.time_units = form or "no header", columns, stamped, time_units
 
-    rate = Question(NO_TIME, "--odr HZ", "the true data rate")
+    rate = Question(NO_TIME, "--odr HZ")
 
 
 def recognise(lines: list[str], name: str, answers: Answers, picking: str | None = None, form: str = "") -> TableLayout:
@@ -303,7 +303,7 @@ def _layout(
     if time_column is None or time_unit == "none":
         time_column, unit = None, Unit(0, "")
         if answers.odr_hz is None and ("gx" in columns or "ax" in columns) and not questions:
-            questions.append(Question(NO_TIME, "--odr HZ", "the true data rate"))
+            questions.append(Question(NO_TIME, "--odr HZ"))
     else:
         is_clock = time_column < len(row) and ":" in row[time_column]  # a time of day
         unit = Unit(1, "clock") if is_clock else unit_of("time", time_unit, "--time-unit", name, questions)

@@ -334,7 +334,7 @@ def _stream_source(path: Path, called: str, stream: Stream, answers: Answers) ->
     temp = stream.parts.get("temp")
     temp_unit = None if temp is None else unit_of("temp", temp.unit or "c", "--columns temp_c=", path.name, questions)
     if stream.t_ns is None and answers.odr_hz is None and stream.odr_hz is None:
-        questions.append(Question(NO_TIME, "--odr HZ", "the true data rate"))
+        questions.append(Question(NO_TIME, "--odr HZ"))
     if questions:
         raise QuestionsError(path.name, called, questions)
     counted = stream.t_ns is None or answers.time_unit == "none"

@@ -313,6 +313,7 @@ def test_import_takes_more_memory_where_it_may(tmp_path, run):
     words = ("import", path, "--gyro-fs", "500", "--accel-fs", "4")
     refused(run(*words, "--out", tmp_path / "s", "--most-memory", "0.1MB"), "of memory, and 0.1 MB may be taken", "--most-memory 0.4MB")
     code, _, _ = run(*words, "--out", tmp_path / "s", "--most-memory", "1MB")
-    assert code == 0
+    assert code == 2  # its sensor stands still
+    assert (tmp_path / "s" / "session.toml").exists()
     code, _, err = run(*words, "--most-memory", "much")
     assert (code, "'much' is no amount of memory such as 3GB or 700MB" in err) == (2, True)

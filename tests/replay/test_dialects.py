@@ -37,8 +37,8 @@ def test_the_samples_of_every_program_are_those_that_were_written(name, tmp_path
     np.testing.assert_allclose((log.samples.t_ns - log.samples.t_ns[0]) * 1e-9, FEW.t_ns[:few] * 1e-9, rtol=0, atol=text.exact_s)
     np.testing.assert_allclose(log.samples.gyro, FEW.gyro[:few], rtol=0, atol=0.51 * text.gyro_lsb)
     np.testing.assert_allclose(log.samples.accel, FEW.accel[:few], rtol=0, atol=0.51 * text.accel_lsb)
-    took = capsys.readouterr().out.splitlines()[1:4]
-    assert [line.split(":")[0].strip() for line in took[1:]] == ["gyroscope", "clock"]
+    took = capsys.readouterr().out.splitlines()[1:5]
+    assert [line.split(":")[0].strip() for line in took[1:]] == ["gyroscope", "accelerometer", "clock"]
 
 
 # The same samples in another form

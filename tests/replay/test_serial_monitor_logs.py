@@ -64,7 +64,7 @@ class Log:
     read: str = "in dps"
 
 
-MPU = {"rate": 0.51 / 65.5, "force": 0.51 / 8192, "read": "in dps/65.5"}
+MPU = {"rate": 0.51 / 65.5, "force": 0.51 / 8192, "read": "in counts, 65.5 per dps"}
 ADAFRUIT = of(
     lambda a, g: [
         f"Acceleration X: {a[0] * G:.4f}, Y: {a[1] * G:.4f}, Z: {a[2] * G:.4f} m/s^2",
@@ -178,20 +178,20 @@ PLAIN = "t_s,gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g"
 @pytest.mark.parametrize(
     ("text", "states"),
     [
-        (table(S, FORCES, RATES, PLAIN), "gyroscope: ax_g, ay_g, az_g in dps (by gravity's movement)"),
-        (table(S, FORCES * G, MOVED.gyro, "time [s],gx,gy,gz,ax,ay,az"), "accelerometer: gx, gy, gz in m/s2 (by gravity's length)"),
-        (table(S * 1e3, RATES, FORCES, PLAIN), "clock: t_s in ms (by gravity's movement)"),
-        (table(S * 1e6, RATES, FORCES, PLAIN.replace("t_s", "time_ms")), "clock: time_ms in us (by gravity's movement)"),
-        (table(S, MOVED.gyro, FORCES, PLAIN), "gyroscope: gx_dps, gy_dps, gz_dps in rad/s (by gravity's movement)"),
-        (table(S, RATES, FORCES, PLAIN.replace("dps", "rps")), "gyroscope: gx_rps, gy_rps, gz_rps in dps (by gravity's movement)"),
-        (table(S, RATES, MOVED.accel, PLAIN), "accelerometer: ax_g, ay_g, az_g in m/s2 (by gravity's length)"),
+        (table(S, FORCES, RATES, PLAIN), "gyroscope: ax_g, ay_g, az_g in dps (by gravity)"),
+        (table(S, FORCES * G, MOVED.gyro, "time [s],gx,gy,gz,ax,ay,az"), "accelerometer: gx, gy, gz in m/s2 (by gravity)"),
+        (table(S * 1e3, RATES, FORCES, PLAIN), "clock: t_s in ms (by gravity)"),
+        (table(S * 1e6, RATES, FORCES, PLAIN.replace("t_s", "time_ms")), "clock: time_ms in us (by gravity)"),
+        (table(S, MOVED.gyro, FORCES, PLAIN), "gyroscope: gx_dps, gy_dps, gz_dps in rad/s (by gravity)"),
+        (table(S, RATES, FORCES, PLAIN.replace("dps", "rps")), "gyroscope: gx_rps, gy_rps, gz_rps in dps (by gravity)"),
+        (table(S, RATES, MOVED.accel, PLAIN), "accelerometer: ax_g, ay_g, az_g in m/s2 (by gravity)"),
         (
             table(S * 1e6, *np.hsplit(COUNTS[:, [3, 4, 5, 0, 1, 2]], 2), "t_us,gx,gy,gz,ax,ay,az"),
-            "gy, gz in dps/65.5 (by gravity's movement), ±500",
+            "gy, gz in counts, 65.5 per dps (by gravity), ±500",
         ),
         (
             table(S * 1e6, np.rint(RATES / 0.00875), np.rint(FORCES * 16384), "t_us,gx,gy,gz,ax,ay,az"),
-            "in counts of 8.75 mdps (by gravity's movement), ±250 dps; accelerometer: ax, ay, az in g/16384 (by gravity's length), ±2",
+            "in counts of 8.75 mdps (by gravity), ±250 dps accelerometer: ax, ay, az in counts, 16384 per g (by gravity), ±2 g",
         ),
     ],
 )

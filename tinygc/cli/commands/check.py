@@ -8,6 +8,7 @@ from pathlib import Path
 from session.base.errors import CalibrationError
 from session.base.names import is_session
 from session.base.options import argument, folder_written, option
+from tinygc.cli.logs import of_session
 from tinygc.cli.options import Command, UsesEffects
 from tinygc.cli.results import complain, output, verdict, write_json
 
@@ -28,6 +29,7 @@ class Options(Command, UsesEffects):
 
 def run(args: Options) -> int:
     """Print a first examination of a session, or its plan, or write its corrected copy; of a folder of sessions, list them."""
+    args, _ = of_session(args)
     if args.repair is not None:
         return _repair(args, args.repair)
     if args.cause is not None:

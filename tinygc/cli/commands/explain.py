@@ -9,6 +9,7 @@ from pathlib import Path
 from session.base import features
 from session.base.options import argument, folder_written, option, values
 from session.base.texts import command_line
+from tinygc.cli.logs import of_session
 from tinygc.cli.options import Command, Pictures, UsesEffects
 from tinygc.cli.results import inside, output, print_commands, try_destinations, verdict, write_json
 from tinygc.estimation.options import AtRest, Seed
@@ -32,6 +33,7 @@ class Options(AtRest, Pictures, Command, UsesEffects, Seed):
 
 def run(args: Options) -> int:
     """Explain differences between recording and simulation."""
+    args, _ = of_session(args)
     if (code := features.first("explanation of a folder", args)) is not None:
         return code
     from session.log.siblings import others_beside

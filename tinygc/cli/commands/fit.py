@@ -7,18 +7,22 @@ from pathlib import Path
 
 from session.base import features
 from session.base.options import argument, folder_written, option, part
+from session.replay.options import GROUP, Answers
 from tinygc.cli.defaults import defaults_json, limit_text
+from tinygc.cli.logs import of_session
 from tinygc.cli.options import Command, UsesEffects, VerdictOptions
 from tinygc.cli.results import Done, complain, inside, output, run_each, try_destinations, write_json
 from tinygc.estimation.options import ACCELEROMETERS, OF_ACCELEROMETER, FitOptions
 
 
 @dataclass(frozen=True)
-class Options(FitOptions, VerdictOptions, Command, UsesEffects):
+class Options(FitOptions, Answers, VerdictOptions, Command, UsesEffects):
     """Options of ``fit``."""
 
-    folder: Path = argument("session folder; several are fitted one by one")
-    more: tuple[Path, ...] = argument("further folders", ())
+    RARE = GROUP
+
+    folder: Path = argument("session folder, or a log; several folders are fitted one by one, several logs are one recording's")
+    more: tuple[Path, ...] = argument("further folders, or the accelerometer's log", ())
     accelerometer: str = option(
         "auto",
         f"{OF_ACCELEROMETER}; alone: nothing else is fitted, of the stills, and a copy of the session gets it (--out, FOLDER_calibrated)",
@@ -30,15 +34,16 @@ class Options(FitOptions, VerdictOptions, Command, UsesEffects):
 
 def run(args: Options) -> int:
     """Fit models to a session and report closure figures; several sessions are fitted separately."""
+    args, read_as = of_session(args)
     if args.more:
         return run_each(args, _fit, "tinygc-fits/1", "Fits, degrees: held-out tilt rms, RMSE of each closure run")
-    done = _fit(args)
+    done = _fit(args, read_as)
     write_json(args.json, done.table)
     return done.code
 
 
-def _fit(args: Options) -> Done:
-    """Fit one session, or what a feature takes for a recording of its own."""
+def _fit(args: Options, read_as: str = "") -> Done:
+    """Fit one session, or what a feature takes for a recording of its own.  read_as: how its log was read."""
     if args.accelerometer == "alone":
         return _accelerometer(args)
     if (done := features.first("fit of a folder", args)) is not None:
@@ -63,6 +68,8 @@ def _fit(args: Options) -> Done:
         console.print(correction(result.result))
     else:
         console.print(fit_screen(result.result, decision))
+    if read_as:
+        console.print(read_as)
     console.print(files_line(result.result, folder, decision))
     console.print(next_line(result.result, decision, args.effects))
     if console.quiet and not decision.passed:  # else the screen begins with it

@@ -11,6 +11,11 @@ from tinygc.cli.arguments import memory, stream_header
 from tinygc.cli.options import Command
 from tinygc.cli.results import output, write_json
 
+#: lines of how a log was read, and of what is wrong with it
+MOST_LINES, MOST_DOUBTS = 6, 2
+#: what a further log may add to the session
+MAY_FOLLOW = ("turns", "stills", "length")
+
 
 @dataclass(frozen=True)
 class Options(Answers, Into, Command):
@@ -72,16 +77,14 @@ def run(args: Options) -> int:
         further=args.of_features,
         most_memory=args.most_memory,
     )
-    console.print(f"{made.log}: {made.samples} samples, {' and '.join(made.dialects)}")
-    for line in made.took:
+    errors = [finding for finding in made.findings if finding.level == "error"]
+    console.print(made.headline)
+    for line in (*made.took, *made.repairs)[:MOST_LINES]:
         console.print(f"  {line}")
-    for note in made.notes:
-        console.print(f"  {note}")
-    for finding in made.findings:
-        if finding.level in ("error", "warning") or finding.what == HELD:  # how fast each sensor is
-            console.print(f"  {finding.level}: {finding.line}")
-    console.print("next:")
+    doubts = [finding for finding in made.findings if finding.level == "warning" or finding.what == HELD]  # how fast each sensor is
+    for finding in (errors or doubts)[:MOST_DOUBTS]:
+        console.print(f"  {finding.level}: {finding.line.split(';')[0]}")
     for step in made.next:
-        console.print(f"  {step}")
+        console.print(step if step.startswith("optional") else f"next: {step}")
     write_json(args.json, made)
-    return 0
+    return 2 if any(finding.what not in MAY_FOLLOW for finding in errors) else 0

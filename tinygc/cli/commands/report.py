@@ -9,6 +9,7 @@ from session.base import features
 from session.base.errors import CalibrationError
 from session.base.options import argument, file_written, option, part, values
 from tinygc.cli.defaults import defaults_json, limit_text
+from tinygc.cli.logs import of_session
 from tinygc.cli.options import Command, Force, UsesEffects, VerdictOptions
 from tinygc.cli.results import Done, complain, output, run_each, try_file, verdict, write_json
 from tinygc.estimation.options import FitOptions
@@ -26,6 +27,7 @@ class Options(ReportOptions, FitOptions, VerdictOptions, Command, UsesEffects, F
 
 def run(args: Options) -> int:
     """Write the calibration as one HTML file, for several sessions one each."""
+    args, _ = of_session(args)
     if not args.more:
         done = _report(args)
         write_json(args.json, done.table)

@@ -17,10 +17,10 @@ from session.log.logfile import NAME, read_known_turns
 from session.log.stamps import pace_of
 from session.replay.answers import with_comments
 from session.replay.convert import Imported
+from session.replay.interpretation import clock_text, program_text, triad_text, unit_source
 from session.replay.join import rates_of
 from session.replay.options import Answers
 from session.replay.sources import Source, sources_of
-from session.replay.took import said_clock, said_program, said_source, said_triad
 from tinygc.features.turns.folder import GyroLog, write_turn_session
 
 #: files that are named one by one
@@ -93,9 +93,9 @@ def _took(used: Sequence[Source], logs: Sequence[GyroLog], answers: Answers, sen
         return " or ".join(dict.fromkeys(map(said, used)))
 
     return (
-        f"{each(lambda source: said_program(source.layout, answers))}: {', '.join(places[:NAMED])}{more}",
-        f"gyroscope: {each(lambda source: said_triad(source.layout, source.layout.gyro, said_source(source.layout, 'gyro')))}, "
+        f"{each(lambda source: program_text(source.layout, answers))}: {', '.join(places[:NAMED])}{more}",
+        f"gyroscope: {each(lambda source: triad_text(source.layout, source.layout.gyro, unit_source(source.layout, 'gyro')))}, "
         f"±{sensor.gyro_fs_dps:g} dps{assumed}",
-        f"clock: {each(lambda source: said_clock(source.layout, answers, source.layout.time is None))}; "
+        f"clock: {each(lambda source: clock_text(source.layout, answers, source.layout.time is None))}; "
         f"{slow if slow == fast else f'{slow} to {fast}'} Hz for {duration_s:.1f} s",
     )

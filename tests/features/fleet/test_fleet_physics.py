@@ -65,7 +65,7 @@ def test_a_row_says_what_check_fit_and_explain_say(fleet, tmp_path):
     folder, out = shutil.copytree(fleet / "unit1", tmp_path / "place" / "one"), tmp_path / "out"
     ran(tmp_path / "place", out, FleetOptions())
     names = "held_out_deg, floor_deg, use, segments, verdict, p_value, first_look, E_xx, sigma_B_z, accel_bias_x, sigma_accel_scale_z"
-    (row,) = asked(out, f"SELECT {names}, judged, judged_within FROM results")
+    (row,) = asked(out, f"SELECT {names}, answer, answer_within FROM results")
     alone, why = fit(folder, methods=("least_squares",)), explain_session(folder)
     table = alone.to_json()
     held_out = table["methods"]["least_squares"]["holdout"]["tilt_rms_deg"]
@@ -360,7 +360,7 @@ def test_a_page_is_escaped_and_counts_by_the_verdicts(tmp_path):
         for n in range(100):
             told = {"status": "failed", "step": "check", "error": f"log{n}.csv: {n} rows {HOSTILE}"}
             if n % 4 != 1:
-                told = {"held_out_deg": n / 1000, "judged": answers[n % 5], "judged_within": answers[min(n % 5, 3)], "E_xx": 1.0 + n}
+                told = {"held_out_deg": n / 1000, "answer": answers[n % 5], "answer_within": answers[min(n % 5, 3)], "E_xx": 1.0 + n}
                 told |= {"verdict": "explained", "effects": '[{"id":"gyro.bias_step"}]'} if n % 5 == 0 else {}
             put(table, Path(f"/data/{n:05d}"), str(n), serial=f"S{n}", **told)
         summary, strict = summarise(table), summarise(table, 0.05)
@@ -397,7 +397,7 @@ def test_the_command_sums_up_with_its_exit_codes(out, run, tmp_path, words, code
     assert says in err
     assert len(err.splitlines()) == bool(says)
     if code == 0:
-        assert "4 folders, 4 different sessions of 3 serial numbers; 3 done, 1 failed" in said
+        assert "4 folders, 4 different sessions; 3 done, 1 failed" in said
         table = json.loads(told.read_text())
         assert (table["schema"], strangers(table), table["run"]) == ("tinygc-fleet/1", [], {"done": 0, "failed": 0, "reused": 0})
         assert any("session.toml" in word for word in parsed((out / "fleet.html").read_text()).words)

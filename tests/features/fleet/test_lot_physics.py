@@ -259,8 +259,8 @@ def test_odd_units_are_said_the_least_probable_first_with_the_numbers_to_blame()
     sizes = [abs(each.sigmas) for each in first.reasons]
     assert sizes == pytest.approx(sorted(sizes, reverse=True), rel=0.02)
     assert first.p_value < second.p_value < 0.01
-    assert second.says.startswith(f"unit serial 00011 does not belong to the lot: gyro bias y {second.reasons[0].value:+.0f}")
-    assert first.says.startswith("unit serial 00020, of the single session 00020-0, does not belong to the lot: ")
+    assert second.description.startswith(f"unit serial 00011: gyro bias y {second.reasons[0].value:+.0f}")
+    assert first.description.startswith("unit serial 00020 (one session, 00020-0): ")
 
 
 # The prior of the next session of a unit.
@@ -388,8 +388,8 @@ def test_a_session_that_sees_nothing_leaves_what_was_probable_before():
     [
         ({"sensor": "LSM6DSO"}, "a lot of LSM6DSO, and the session's sensor is ASM330LHH"),
         ({"units": 9}, "a lot of 9 units, expected at least 10"),
-        ({"mean": np.full(21, np.nan)}, "tells none of the gyroscope's 12 numbers"),
-        ({"spread": np.full(21, np.nan)}, "tells none of the gyroscope's 12 numbers"),
+        ({"mean": np.full(21, np.nan)}, "has none of the gyroscope's 12 numbers"),
+        ({"spread": np.full(21, np.nan)}, "has none of the gyroscope's 12 numbers"),
     ],
 )
 def test_a_lot_that_tells_nothing_of_this_sensor_is_refused(changes, says):
@@ -550,12 +550,12 @@ def test_a_use_is_told_in_words_and_in_json(problem, monkeypatch):
     share = np.append([0.051, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.049], np.zeros(4))
     of = {"file": "lot.json", "units": 50, "probability": 0.5, "distance": 3.25, "freedom": 12, "p_value": 0.02}
     use = replace(given, **of, used="yes", share=share, off=("E_xx", -6.04))
-    far = "(3.2 sigmas from its mean in 12 directions, p = 0.02)"
+    far = "(3.2 sigmas from its mean in 12 directions, p = 0.020)"
     for changed, words in (
-        ({}, f"{far}; of the parameters the lot gave: E_zx 70%, E_yz 60%, E_yy 50%, E_yx 40%, E_xz 30%, E_xy 20%."),
-        ({"share": np.full(12, 0.049)}, "no parameter has 5% of its value from the lot."),
-        ({"used": "no"}, f"{far}: E_xx is -6.0 sigmas of the lot from its mean; the lot's prior was not used."),
-        ({"used": "partly"}, "E_xx is -6.0 sigmas of the lot from its mean; the sigmas are wide enough for both."),
+        ({}, f"{far}; the lot gave: E_zx 70%, E_yz 60%, E_yy 50%, E_yx 40%, E_xz 30%, E_xy 20%."),
+        ({"share": np.full(12, 0.049)}, "the lot gave less than 5% of each."),
+        ({"used": "no"}, f"{far}: E_xx is -6.0 sigmas off; its prior is not used."),
+        ({"used": "partly"}, "E_xx is -6.0 sigmas off; the sigmas cover both."),
     ):
         assert replace(use, **changed).words.endswith(words)
     told = use.to_json()["lot"]

@@ -36,7 +36,7 @@ def printed(report):
 
 def test_the_terminal_the_page_and_the_file_have_all_of_it(report, tmp_path):
     text = printed(report)
-    for word in ("ASM330LHH: 60 units, 180 sessions", "it drifts", "gyro bias y, mdps", "serial <b>", "repeats within"):
+    for word in ("60 units of ASM330LHH, 180 sessions", "drift found", "gyro bias y, mdps", "serial <b>", "repeats"):
         assert word in text, word
     html = report.html()
     for words in (">The lot</h2>", "serial &lt;b&gt;"):
@@ -45,7 +45,7 @@ def test_the_terminal_the_page_and_the_file_have_all_of_it(report, tmp_path):
     write_whole(tmp_path / "lot.json", table_of(report))
     assert not strangers(json.loads((tmp_path / "lot.json").read_text(encoding="utf-8")))
     few = lot_of(simulated_lot(2, 0, without_accelerometer=1.0))
-    for word, there in (("repeatability is unknown", True), ("two units have no drift", True), ("accel", False), ("nan", False)):
+    for word, there in (("repeatability is not known", True), ("two units have no drift", True), ("accel", False), ("nan", False)):
         assert (word in printed(few)) == there
 
 
@@ -114,7 +114,7 @@ def test_fleet_says_of_one_model_what_its_units_are_together(fleet, tmp_path, ca
     assert calibrate.main(["fleet", "--out", str(fleet), "--quiet"]) == 0
     (fleet / "lot.json").unlink()
     (line,) = capsys.readouterr().err.splitlines()
-    assert "left as it was, since the sensors are of several models or too few; --lot writes it anew" in line
+    assert "lot.json: not renewed (several models, or too few units); --lot writes it" in line
 
 
 @pytest.mark.parametrize(
@@ -134,7 +134,7 @@ def test_the_command(fleet, tmp_path, capsys):
     out, html, told = copy / "lot.json", copy / "lot.html", tmp_path / "x.json"
     words = ["fleet", "--out", copy, "--lot", "--model", "ASM330LHH", "--json", told]
     assert calibrate.main([*map(str, words)]) == 0
-    assert "ASM330LHH: 19 units, 29 sessions" in capsys.readouterr().out
+    assert "19 units of ASM330LHH, 29 sessions" in capsys.readouterr().out
     assert json.loads(told.read_text(encoding="utf-8")) == json.loads(out.read_text(encoding="utf-8"))
     assert ">The lot</h2>" in html.read_text(encoding="utf-8")
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from session.base.errors import CalibrationError
 from session.base.options import argument, file_written, folder_written, option, part
-from session.base.texts import command_line
+from session.base.texts import command_line, significant
 from tinygc.cli.arguments import STANDARD
 from tinygc.cli.options import Command, Force, UsesEffects
 from tinygc.cli.results import complain, output, print_commands, verdict, write_json
@@ -57,12 +57,12 @@ def metered(quiet: bool, folders: Callable[[], Iterable[Any]] | None) -> Iterato
         last = now
         # 812 done, 1 failed, 90 reused, 7.2/s, 20 min left; the rate counts computed sessions only
         rate = (tally.done + tally.failed) / (now - began) if now > began else 0.0
-        said = f"{tally.done} done, {tally.failed} failed, {tally.reused} reused, {rate:.3g}/s"
+        text = f"{tally.done} done, {tally.failed} failed, {tally.reused} reused, {significant(rate)}/s"
         if counted and rate > 0:
             left_s = max(found - tally.folders, 0) / rate
             size, unit = (1, "s") if left_s < 100 else (60, "min") if left_s < 6000 else (3600, "h")
-            said += f", {left_s / size:.3g} {unit} left"
-        show(said, tally.folders, max(found, tally.folders, 1))
+            text += f", {significant(left_s / size, 2)} {unit} left"
+        show(text, tally.folders, max(found, tally.folders, 1))
 
     with progress_bar(quiet) as show:
         if folders is not None and not quiet:
@@ -108,13 +108,13 @@ def run(args: Options) -> int:
     found = summed_up(args.out, tally, args.limit_deg)
     summary, page = found.result, args.out / PAGE
     _write_csv(args)
-    if found.lot is None and (args.out / LOT).exists():
-        complain(f"{args.out / LOT}: left as it was, since the sensors are of several models or too few; --lot writes it anew")
     output(args).print(found.page)
     output(args).print(f"written: {', '.join(map(str, found.files))}")
+    if found.lot is None and (args.out / LOT).exists():
+        complain(f"{LOT}: not renewed (several models, or too few units); --lot writes it")
     commands = [command_line("explain", first, "--check-on", *others) for first, others in found.offered]
     if commands:
-        print_commands(args, "does what is named hold in the unit's other sessions?", *commands)
+        print_commands(args, "next: check these effects in the units' other sessions", *commands)
     write_json(args.json, found.to_json())
     if args.limit_deg is not None and summary.missed:
         complain(f"FAIL with --limit {args.limit_deg:g} deg: {summary.missed} of {summary.fitted} fitted sessions")

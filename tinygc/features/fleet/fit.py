@@ -10,6 +10,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from session.base.errors import CalibrationError
+from session.base.texts import probability
 from session.detect.segments import FEWEST_SEGMENTS
 from session.log.folder import file_key, sha256_of
 from tinygc.closure.least_squares import GaussianPrior, vague
@@ -46,13 +47,13 @@ LEAST = 1e-6
 def prior_of(lot: Lot, start: np.ndarray) -> GaussianPrior:
     """Return the prior of the next session of a unit that belongs to the lot; start (12,): the centre of numbers unknown to the lot."""
     known = _known(lot)
-    told = (lot.spread, np.nan_to_num(lot.mean_sigma), np.nan_to_num(lot.repeatability))
-    variance = sum(each[:PARAMETERS] ** 2 for each in told) + (LEAST * PRIOR_SIGMA) ** 2
+    parts = (lot.spread, np.nan_to_num(lot.mean_sigma), np.nan_to_num(lot.repeatability))
+    variance = sum(each[:PARAMETERS] ** 2 for each in parts) + (LEAST * PRIOR_SIGMA) ** 2
     return GaussianPrior(np.where(known, lot.mean[:PARAMETERS], start), np.diag(np.where(known, variance, PRIOR_SIGMA**2)), known)
 
 
 def _known(lot: Lot) -> np.ndarray:
-    """Return (12,): the gyroscope's numbers that the lot tells."""
+    """Return (12,): the gyroscope's numbers that the lot has."""
     return np.isfinite(lot.mean + lot.spread)[:PARAMETERS]
 
 
@@ -66,7 +67,7 @@ def _require_usable(lot: Lot, sensor: str, where: str) -> None:
         )
     if not _known(lot).any():
         raise CalibrationError(
-            f"{where}: tells none of the gyroscope's {PARAMETERS} numbers; estimate the lot from sessions that were fitted"
+            f"{where}: has none of the gyroscope's {PARAMETERS} numbers; estimate the lot from sessions that were fitted"
         )
 
 
@@ -131,8 +132,8 @@ def farthest(lot: Lot, vector: np.ndarray, covariance: np.ndarray, seen: np.ndar
 #: too few to determine the unit alone, between BELONGS and FOREIGN
 BELONGS, FOREIGN, SURE = 0.95, 0.05, 0.9999
 #: least share of the lot in a parameter that is reported
-SAID_SHARE = 0.05
-MOST_SAID = 6
+NAMED_SHARE = 0.05
+MOST_NAMED = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,7 +161,7 @@ class LotUse:
     source: str = "prior of the lot"
 
     def of_model(self) -> dict:
-        """Return what the model's file says of it."""
+        """Return its part of the model's file."""
         return {"lot": {key: self.to_json()["lot"][key] for key in ("file", "hash", "used", "belongs_probability")}}
 
     def to_json(self) -> dict:
@@ -182,18 +183,16 @@ class LotUse:
     @property
     def words(self) -> str:
         """Return one line of text."""
-        far = f"{self.distance:.1f} sigmas from its mean in {self.freedom} directions, p = {self.p_value:.2g}"
-        off = "" if self.off is None else f"{self.off[0]} is {self.off[1]:+.1f} sigmas of the lot from its mean"
+        far = f"{self.distance:.1f} sigmas from its mean in {self.freedom} directions, {probability(self.p_value)}"
+        off = "" if self.off is None else f"{self.off[0]} is {self.off[1]:+.1f} sigmas off"
         if self.used == "no":
-            return f"The unit does not belong to the lot of {self.file} ({far}): {off}; the lot's prior was not used."
+            return f"The unit does not belong to the lot of {self.file} ({far}): {off}; its prior is not used."
         if self.used == "partly":
-            return (
-                f"It is open whether the unit belongs to the lot of {self.file} (probability {self.probability:.2f}; {far}): "
-                f"{off}; the sigmas are wide enough for both."
-            )
-        shares = [(share, name) for share, name in zip(self.share, NAMES, strict=True) if share >= SAID_SHARE]
-        told = ", ".join(f"{name} {share:.0%}" for share, name in sorted(shares, reverse=True)[:MOST_SAID])
-        came = f"of the parameters the lot gave: {told}" if told else f"no parameter has {SAID_SHARE:.0%} of its value from the lot"
+            sure = f"probability {self.probability:.2f}"
+            return f"Undecided whether the unit belongs to the lot of {self.file} ({sure}; {far}): {off}; the sigmas cover both."
+        shares = [(share, name) for share, name in zip(self.share, NAMES, strict=True) if share >= NAMED_SHARE]
+        largest = ", ".join(f"{name} {share:.0%}" for share, name in sorted(shares, reverse=True)[:MOST_NAMED])
+        came = f"the lot gave: {largest}" if largest else f"the lot gave less than {NAMED_SHARE:.0%} of each"
         return f"The unit belongs to the lot of {self.file}, {self.units} units ({far}); {came}."
 
 
@@ -201,7 +200,7 @@ class LotUse:
 class LotFile:
     """A lot as prior of one unit, with its file's name and hash."""
 
-    #: where none are asked for; of the fitted methods, only least squares uses the prior
+    #: where none are given; of the fitted methods, only least squares uses the prior
     methods = ("raw", "raw_bias_removed", "least_squares")
 
     lot: Lot
@@ -214,7 +213,7 @@ class LotFile:
 
     @property
     def spread(self) -> Spread:
-        """How far the 21 numbers of a unit of the lot move between its sessions, as far as the lot tells it."""
+        """How far the 21 numbers of a unit of the lot move between its sessions, as far as the lot shows it."""
         lot = self.lot
         words = f"{lot.sessions} sessions of {lot.units} units of a lot"
         repeats = np.r_[lot.repeatability[PARAMETERS:], lot.repeatability[:PARAMETERS]]

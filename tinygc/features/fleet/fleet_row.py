@@ -50,7 +50,7 @@ def cell_of(table: list | dict) -> str:
     return json.dumps(json.loads(json_text(table)), separators=(",", ":"), ensure_ascii=False, sort_keys=True)
 
 
-def told_by(cell: str) -> Any:
+def cell_content(cell: str) -> Any:
     """Return the parsed cell.  Raises ValueError for invalid JSON, which another program must have written."""
     try:
         return json.loads(cell)
@@ -151,8 +151,8 @@ FIGURES = {
     "floor_deg": REAL,
     "run_rmse_deg": REAL,
     "use": TEXT,
-    "judged": TEXT,
-    "judged_within": TEXT,
+    "answer": TEXT,
+    "answer_within": TEXT,
     "verdict": TEXT,
     "p_value": REAL,
 }
@@ -210,8 +210,8 @@ def fitted(result: FitResult) -> Row:
         "floor_deg": number(result.problem.floor.tilt_rms / DEG),
         "run_rmse_deg": number(max(runs)) if runs else None,
         "use": result.use.method,
-        "judged": result.verdict().answer,
-        "judged_within": result.verdict(np.inf).answer,
+        "answer": result.verdict().answer,
+        "answer_within": result.verdict(np.inf).answer,
         "covariance": packed(covariance),
         **{name: number(value) for name, value in zip((*VALUES, *SIGMAS), (*values, *sigmas), strict=True)},
     }
@@ -230,12 +230,12 @@ def numbers_of(result: FitResult) -> tuple[np.ndarray, np.ndarray]:
         order = [*range(own, COUNT), *range(own)]
         values[ACCEL], covariance = accelerometer.values, (whole @ joint @ whole.T)[np.ix_(order, order)]
         covariance = (covariance + covariance.T) / 2
-    untold = np.isnan(values)
-    untold[GYRO] |= np.isin(linear.NAMES, result.linear.unobserved)
+    unknown = np.isnan(values)
+    unknown[GYRO] |= np.isin(linear.NAMES, result.linear.unobserved)
     if joint is not None:
-        untold[ACCEL] |= np.isin(TRIAD, accelerometer.unobserved)
-    values[untold] = np.nan
-    covariance[untold] = covariance[:, untold] = np.nan
+        unknown[ACCEL] |= np.isin(TRIAD, accelerometer.unobserved)
+    values[unknown] = np.nan
+    covariance[unknown] = covariance[:, unknown] = np.nan
     return values, covariance
 
 
@@ -300,7 +300,7 @@ def _fill(row: Row, folder: Path, options: FleetOptions) -> None:
     _kept_config(row, folder, read_config(folder / "session.toml"))
     if options.steps == ("check",):
         _kept_findings(row, folder, check_folder(folder, first_look_at_fit))
-        errors = [finding for finding in told_by(row["findings"]) if finding["level"] == "error"]
+        errors = [finding for finding in cell_content(row["findings"]) if finding["level"] == "error"]
         if errors:
             raise CalibrationError(": ".join(errors[0][key] for key in ("where", "what", "description")))
         return
@@ -326,17 +326,17 @@ def _failing_at(step: str, row: Row, folder: Path) -> Iterator[None]:
     except MemoryError:
         raise  # the process is in an unknown state: the parent treats it as dead
     except (CalibrationError, OSError) as error:
-        said = str(error) if isinstance(error, CalibrationError) else f"{error.filename or folder}: {error.strerror or error}"
-        row |= {"status": FAILED, "step": step, "error": _without_folder(said, folder)}
+        text = str(error) if isinstance(error, CalibrationError) else f"{error.filename or folder}: {error.strerror or error}"
+        row |= {"status": FAILED, "step": step, "error": _without_folder(text, folder)}
     except Exception as error:  # one session must not end a run of a hundred thousand
         row |= {"status": FAILED, "step": step, "error": _without_folder(f"internal error: {type(error).__name__}: {error}", folder)}
 
 
-def _without_folder(said: str, folder: Path) -> str:
+def _without_folder(text: str, folder: Path) -> str:
     """Remove the folder's name from a line, since copies of a session have other folders."""
     for where in sorted({str(folder), str(folder.resolve())}, key=len, reverse=True):
-        said = said.replace(f"{where}/", "").replace(f"{where}: ", "").replace(where, "the session")
-    return printable(said)[:MOST_ERROR]
+        text = text.replace(f"{where}/", "").replace(f"{where}: ", "").replace(where, "the session")
+    return printable(text)[:MOST_ERROR]
 
 
 def _kept_config(row: Row, folder: Path, config: Config) -> None:
@@ -362,12 +362,12 @@ def _kept_findings(row: Row, folder: Path, findings: list[Finding]) -> None:
     """Store the highest severity, and all findings worth reporting."""
     name = printable(folder.resolve().name)
     worth = sorted((finding for finding in findings if finding.level in ("warning", "error")), key=lambda each: each.level)
-    told = [
+    kept = [
         {"level": each.level, "where": "session" if each.where == name else each.where, "what": each.what}
         | {"description": _without_folder(each.says, folder), "advice": _without_folder(each.do, folder)}
         for each in worth[:MOST_FINDINGS]
     ]
-    row |= {"first_look": worst(findings), "findings": cell_of(told)}
+    row |= {"first_look": worst(findings), "findings": cell_of(kept)}
 
 
 def _explained(session: Session, prepared: Prepared, options: FleetOptions, fit: FitResult | None) -> Row:

@@ -144,7 +144,7 @@ class Processes:
             for pipe in wait(list(by_pipe), WATCH_S):
                 worker = by_pipe[pipe]  # type: ignore[index]
                 try:
-                    said = worker.pipe.recv()
+                    message = worker.pipe.recv()
                 except (EOFError, OSError):
                     worker.process.join()
                     worker.pipe.close()
@@ -154,13 +154,13 @@ class Processes:
                     self._workers[self._workers.index(worker)] = self._started()
                     found += [] if worker.job is None else [(worker.job, _how(worker.process.exitcode))]
                     continue
-                if isinstance(said, CalibrationError):
-                    raise said
-                if said == READY:
+                if isinstance(message, CalibrationError):
+                    raise message
+                if message == READY:
                     worker.ready = True
                 else:
                     assert worker.job is not None
-                    found.append((worker.job, said))
+                    found.append((worker.job, message))
                     worker.job = None
             self._hand_out()
         return found
@@ -258,7 +258,7 @@ class Cluster:
             raise CalibrationError(f"--scheduler needs the package distributed: {install}") from None
         self._distributed, self._address, self._seen_s = distributed, address, monotonic()
         for name in logging.root.manager.loggerDict:
-            if name.split(".")[0] == "distributed":  # what it would log, the run says in one line
+            if name.split(".")[0] == "distributed":  # what it would log, the run reports in one line
                 logging.getLogger(name).setLevel(logging.CRITICAL)
         try:
             asyncio.run(self._is_there())  # a client that cannot be started waits and complains when it is collected

@@ -13,7 +13,7 @@ import numpy as np
 
 from session.base.texts import printable, significant
 from session.base.units import DEG, MG
-from tinygc.features.fleet.fleet_row import COLUMNS, DONE, VALUES, told_by, unpacked
+from tinygc.features.fleet.fleet_row import COLUMNS, DONE, VALUES, cell_content, unpacked
 from tinygc.features.fleet.fleet_table import COUNTED, EACH, FleetTable, not_as_written
 from tinygc.features.fleet.lot import UnitResult
 from tinygc.inference.decide import simply_accepted
@@ -21,6 +21,9 @@ from tinygc.models.linear import BIAS
 from tinygc.reporting.drawing import Axis, Panel
 from tinygc.reporting.facts import Chapter, Part, Table, html, page
 from tinygc.reporting.html.markup import WIDE
+
+if TYPE_CHECKING:
+    pass
 
 if TYPE_CHECKING:
     from tinygc.features.fleet.fleet_run import FleetRun
@@ -67,9 +70,9 @@ def write_csv(table: FleetTable, file: TextIO) -> int:
         if row[1] is None:
             cells[status], cells[error] = "failed", row[-1]
         with read_as_written(table, row[0]):
-            cells[effects] = " ".join(effect["id"] for effect in told_by(cells[effects] or "[]"))
+            cells[effects] = " ".join(effect["id"] for effect in cell_content(cells[effects] or "[]"))
             cells[findings] = "; ".join(
-                f"{each['where']}: {each['what']}: {each['description']}" for each in told_by(cells[findings] or "[]")
+                f"{each['where']}: {each['what']}: {each['description']}" for each in cell_content(cells[findings] or "[]")
             )
         writer.writerow(["" if cell is None else repr(cell) if isinstance(cell, float) else cell for cell in cells])
         count += 1
@@ -149,8 +152,8 @@ class Summary:
     def rule(self) -> str:
         """By what a session passes."""
         if self.limit_deg is not None:
-            return f"by the verdict of each fit with a limit of {self.limit_deg:g}°"
-        return "by the verdict of each fit, which needs limits or a data sheet: without them no session passes"
+            return f"Rule: each fit's verdict with a limit of {self.limit_deg:g}°."
+        return "Rule: each fit's verdict; no session passes without limits or a data sheet."
 
     def to_json(self) -> dict:
         """Return ``tinygc-fleet/1`` (docs/formats.md), without the facts of the run itself."""
@@ -199,10 +202,10 @@ def summarise(table: FleetTable, limit_deg: float | None = None) -> Summary:
 
 def _answers(table: FleetTable, limit_deg: float | None) -> Iterator[str]:
     """Yield the answer of each fit's verdict, with a limit where it is given."""
-    closures = "judged, judged_within, held_out_deg, ifnull(run_rmse_deg, 0)"
-    for judged, within, *values in table.each(f"SELECT {closures} FROM {EACH} WHERE held_out_deg IS NOT NULL"):
+    closures = "answer, answer_within, held_out_deg, ifnull(run_rmse_deg, 0)"
+    for answer, within, *values in table.each(f"SELECT {closures} FROM {EACH} WHERE held_out_deg IS NOT NULL"):
         if limit_deg is None:
-            yield judged
+            yield answer
         else:
             yield within if all(simply_accepted(each, (0.0, limit_deg)) for each in values) else "fail"
 
@@ -228,17 +231,19 @@ def _effects(table: FleetTable) -> dict[str, int]:
     found: Counter[str] = Counter()
     for folder, text in table.each(f"SELECT folder, effects FROM {EACH} WHERE effects <> '[]' AND effects IS NOT NULL"):
         with read_as_written(table, folder):
-            found.update({effect["id"] for effect in told_by(text)})
+            found.update({effect["id"] for effect in cell_content(text)})
     return dict(sorted(found.items(), key=lambda each: (-each[1], each[0])))
 
 
 def to_check(table: FleetTable) -> list[tuple[str, list[str]]]:
-    """Sessions that name an effect, one of each unit that has other sessions, and these: ``explain --check-on`` tells whether it holds
-    there.  At most ``MOST_OFFERED`` of each."""
+    """Sessions that name an effect, one of each unit that has other sessions, and these, for ``explain --check-on``.
+
+    At most ``MOST_OFFERED`` of each.
+    """
     units: dict[str, list[tuple[str, bool]]] = {}
     for folder, serial, text in table.each(f"SELECT folder, serial, effects FROM {EACH} WHERE serial <> '' AND effects IS NOT NULL"):
         with read_as_written(table, folder):
-            units.setdefault(serial, []).append((folder, bool(told_by(text))))
+            units.setdefault(serial, []).append((folder, bool(cell_content(text))))
     found = []
     for _, sessions in sorted(units.items()):
         first = next((folder for folder, names in sorted(sessions) if names), None)
@@ -250,8 +255,8 @@ def to_check(table: FleetTable) -> list[tuple[str, list[str]]]:
 
 def reason_of(line: str) -> str:
     """Remove numbers and names from a failure's line, so that equal causes have equal lines."""
-    words = [("…" if any(c.isdigit() for c in word) else word) for word in line.split()]
-    return " ".join(word for number, word in enumerate(words) if word != "…" or words[number - 1 : number] != ["…"])
+    words = [("*" if any(c.isdigit() for c in word) else word) for word in line.split()]
+    return " ".join(word for number, word in enumerate(words) if word != "*" or words[number - 1 : number] != ["*"])
 
 
 def _reasons(table: FleetTable) -> list[tuple[str, str, int]]:
@@ -259,7 +264,7 @@ def _reasons(table: FleetTable) -> list[tuple[str, str, int]]:
     for step, error in table.each(f"SELECT ifnull(step, status), error FROM {EACH} WHERE status <> '{DONE}'"):
         found[step, reason_of(error)] += 1
     for folder, error in table.each("SELECT folder, error FROM folders WHERE key IS NULL"):
-        found["reading", reason_of(error.replace(folder, "…"))] += 1
+        found["reading", reason_of(error.replace(folder, "*"))] += 1
     return [(*which, count) for which, count in sorted(found.items(), key=lambda each: (-each[1], each[0]))][:MOST_REASONS]
 
 
@@ -277,26 +282,30 @@ HEIGHT, SMALL = 170, 410
 
 def fleet_facts(summary: Summary, tally: FleetRun | None = None) -> list[Part]:
     """Counts, what the steps found, and reasons of failures; tally: of this run."""
-    parts: list[Part] = [] if tally is None else [f"this run: {tally.done} done, {tally.failed} failed, {tally.reused} known before"]
+    counts = [("PASS", summary.passed), ("FAIL", summary.missed), ("NOT DECIDED", summary.undecided)] if summary.fitted else []
+    counts += [("could not be computed", summary.all_failed)]
+    words = ", ".join(f"{count} {word}" for word, count in counts if count) or f"{summary.done} done"
+    parts: list[Part] = [f"{words}: {_count(summary.sessions, 'session')} of {_count(summary.units, 'serial number')}."]
+    parts += [summary.rule] if summary.fitted else []
+    parts += [] if tally is None else [f"This run: {tally.done} done, {tally.failed} failed, {tally.reused} known before."]
     parts.append(
-        f"the table: {summary.folders} folders, {summary.sessions} different sessions of {summary.units} serial numbers; "
-        f"{summary.done} done, {summary.all_failed} failed, {significant(summary.cpu_s / 3600)} CPU h"
+        f"Table: {_count(summary.folders, 'folder')}, {_count(summary.sessions, 'different session')}; "
+        f"{summary.done} done, {summary.all_failed} failed, {significant(summary.cpu_s / 3600)} CPU h."
     )
-    if summary.fitted:
-        undecided = f", {summary.undecided} not decided" if summary.undecided else ""
-        parts.append(f"of {summary.fitted} that were fitted, {summary.passed} pass{undecided}, {summary.missed} fail: {summary.rule}")
-    for title, counts in (
-        ("First look: the worst that it found", summary.first_look),
+    for title, found in (
+        ("First look, worst finding", summary.first_look),
         ("Verdicts of explain", summary.verdicts),
-        ("Effects that explain names", summary.effects),
+        ("Effects found", summary.effects),
     ):
-        if counts:
-            rows = [(name, count, f"{significant(100 * count / summary.sessions)} %") for name, count in counts.items()]
+        if found:
+            rows = [(name, count, f"{significant(100 * count / summary.sessions, 2)} %") for name, count in found.items()]
             parts.append(Table(title, ("", "sessions", "share"), rows))
-    if summary.reasons:
-        failed = [(printable(reason), step, count) for step, reason, count in summary.reasons]
-        parts.append(Table("Failures by reason: … stands for what differs", ("because", "in", "sessions"), failed, left=(0, 1)))
-    return parts
+    reasons = [f"  {count} in {step}: {printable(reason)}" for step, reason, count in summary.reasons]
+    return [*parts, *(["Failures by reason (* is what differs):", *reasons] if reasons else [])]
+
+
+def _count(count: int, name: str) -> str:
+    return f"{count} {name}{'s' * (count != 1)}"
 
 
 def fleet_html(summary: Summary, more: Sequence[Chapter] = ()) -> str:

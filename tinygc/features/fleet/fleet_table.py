@@ -1,6 +1,6 @@
 """OUT/fleet.sqlite: a row for each key, and the key of each folder.  One process writes it; the table survives its sudden end.
 
-The write-ahead log commits each row separately, so that no end of the process can undo it; a loss of power may cost the last rows, and
+The write-ahead log commits each row separately, so that no end of the process can revert it; a loss of power may cost the last rows, and
 leaves the table consistent.  Lost rows are computed again.  Concurrent readers (SQL, ``--csv``) see whole rows.
 """
 
@@ -23,7 +23,7 @@ from tinygc.features.fleet.fleet_row import BLOB, COLUMNS, DIED, DONE, FAILED, I
 
 NAME, LOCK = "fleet.sqlite", "fleet.lock"
 #: file format (PRAGMA application_id, "TGCF"), and its version (user_version)
-APPLICATION, VERSION = 0x54474346, 3
+APPLICATION, VERSION = 0x54474346, 4
 SCHEMA = f"""
 CREATE TABLE results (key TEXT PRIMARY KEY, {", ".join(f"{name} {kind}" for name, kind in COLUMNS.items())});
 CREATE TABLE folders (folder TEXT PRIMARY KEY, key TEXT, error TEXT) WITHOUT ROWID;
@@ -52,7 +52,7 @@ class FleetTable:
         connection.create_function(COUNTED, 1, _counted, deterministic=True)
 
     def require_there(self, at_once: bool = False) -> None:
-        """Raise StorageError where the file was removed or replaced, within ``WATCH_S``: rows then go into a file that nobody can open."""
+        """Raise StorageError where the file was removed or replaced, within ``WATCH_S``: rows then go into a file that no one can open."""
         if not at_once and monotonic() - self._looked_s < WATCH_S:
             return
         self._looked_s = monotonic()
@@ -171,7 +171,7 @@ def _require_rows(path: Path, connection: sqlite3.Connection) -> None:
     ]
     which = " ".join(f"WHEN {each} THEN {number}" for number, (_, each) in enumerate(wrong))
     named = [name for name, _ in wrong]
-    told = {
+    checks = {
         f"SELECT ifnull((SELECT min(folder) FROM folders f WHERE f.key = results.key), key), CASE {which} END AS bad FROM results": named,
         "SELECT folder, CASE WHEN typeof(folder) <> 'text' THEN 0 WHEN typeof(key) NOT IN ('text', 'null') THEN 1 "
         "WHEN typeof(error) NOT IN ('text', 'null') OR (key IS NULL AND error IS NULL) THEN 2 END AS bad FROM folders": [
@@ -184,7 +184,7 @@ def _require_rows(path: Path, connection: sqlite3.Connection) -> None:
             "wall_s",
         ],
     }
-    for sql, names in told.items():
+    for sql, names in checks.items():
         found = connection.execute(f"SELECT * FROM ({sql}) WHERE bad IS NOT NULL LIMIT 1").fetchone()
         if found:
             raise not_as_written(path, str(found[0]), f" ({names[found[1]]})")

@@ -66,7 +66,7 @@ def compute(
     effects: Iterable[Path | str],  # a worker may have another working directory
     progress: Callable[[FleetRun], None],
 ) -> FleetRun:
-    """Compute the sessions that the table in ``out`` lacks, in processes (one for each core) or on the cluster of a scheduler."""
+    """Compute the sessions that are not in the table in ``out``, in processes (one for each core) or on the cluster of a scheduler."""
     with open_table(out) as table:
         executor = Cluster(options.scheduler) if options.scheduler else Processes(options.jobs or cores())
         try:

@@ -16,6 +16,7 @@ from session.base.errors import CalibrationError
 from session.base.numeric import MEDIAN_SIGMAS, derivative
 from session.base.records import Key, Share
 from session.base.results import Column, Maybe, Number, shown
+from session.base.texts import significant
 from session.base.units import MDPS
 from session.detect.accelerometer import NAMES as TRIAD
 from tinygc.estimation.accelerometer import ROWS, triad_errors
@@ -293,7 +294,7 @@ def joined(lot: LotSessions, repeatability: np.ndarray) -> tuple[np.ndarray, np.
 
 
 def family(far: np.ndarray, freedom: np.ndarray) -> np.ndarray:
-    """Return (U, 21) two-sided p-values of Student's t, times the number of units and of the numbers that a unit tells; 1 if unknown."""
+    """Return (U, 21) two-sided p-values of Student's t, times the number of units and of the numbers that a unit shows; 1 if unknown."""
     tests = len(far) * np.isfinite(far).sum(axis=1, keepdims=True)
     return np.minimum(1.0, np.nan_to_num(2 * tests * stdtr(np.maximum(freedom, 1e-3), -np.abs(far)), nan=1.0))
 
@@ -402,13 +403,13 @@ class Reason:
 @dataclass(frozen=True)
 class Outlier:
     """A unit that does not belong: serial; session, of a unit with one session alone, else empty; p_value over the whole lot; reasons, the
-    largest first; says: a sentence."""
+    largest first; description: the unit with its numbers."""
 
     serial: str
     session: str
     p_value: Share
     reasons: tuple[Reason, ...]
-    says: Annotated[str, Key("description")]
+    description: str
 
 
 def outliers(lot: LotSessions, found: LotEstimate) -> list[Outlier]:
@@ -423,8 +424,8 @@ def outliers(lot: LotSessions, found: LotEstimate) -> list[Outlier]:
         for n in order[:MOST_REASONS]:
             (name, unit, _), value, off = SENSOR_ERRORS[n], float(values[u, n]), float(values[u, n] / sigmas[u, n])
             reasons.append(Reason(key_of(name, unit), value, off))
-            words.append(f"{name} {f'{value:+.0f}' if abs(value) >= 100 else f'{value:+.3g}'} {unit} ({off:+.1f} sigmas)")
-        single = f", of the single session {session}," if session else ""
-        says = f"unit {serial or '(no serial)'}{single} does not belong to the lot: {', '.join(words)}"
-        made.append(Outlier(serial, session, float(p_values[u].min()), tuple(reasons), says))
+            words.append(f"{name} {'+' if value > 0 else ''}{significant(value)} {unit} ({off:+.1f} sigmas)")
+        single = f" (one session, {session})" if session else ""
+        description = f"unit {serial or '(no serial)'}{single}: {', '.join(words)}"
+        made.append(Outlier(serial, session, float(p_values[u].min()), tuple(reasons), description))
     return sorted(made, key=lambda each: each.p_value)

@@ -50,7 +50,7 @@ MaySize = Annotated[float, Maybe(Number(0))]
 class LotQuantity:
     """One number of the lot in its unit.
 
-    units that tell it; mean and its sigma; spread between units; repeatability, one sigma from session to session beyond what a session
+    units that show it; mean and its sigma; spread between units; repeatability, one sigma from session to session beyond what a session
     states; drift per 1000 units, its sigma, and the p-value that there is none.  NaN where unknown.
     """
 
@@ -74,7 +74,7 @@ MOST_OUTLIERS = 1000
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LotReport(Lot, Shown):
     """Result of ``tinygc.lot``: the lot as a prior, which is what ``fit --lot`` reads, with its report: its drift; sentences; the numbers
-    that any unit tells, in displayed units; units that do not belong, the least probable first; noise: at rest of the units whose figures
+    that any unit shows, in displayed units; units that do not belong, the least probable first; noise: at rest of the units whose figures
     are known."""
 
     drift_p_value: Share
@@ -91,7 +91,7 @@ class LotReport(Lot, Shown):
     @property
     def page(self) -> Group:
         """The command's output, as a rich renderable."""
-        return screen(lot_facts(self))
+        return screen(lot_facts(self, everything=False))
 
     def to_json(self) -> dict:
         """``tinygc-lot/3`` (docs/formats.md)."""
@@ -130,9 +130,9 @@ def lot_of(results: Iterable[UnitResult], sensor: str = "") -> LotReport:
     )
     notes = []
     if not (sessions.count > 1).any():
-        notes.append("no unit has two sessions: repeatability is unknown, and is part of the spread between units")
+        notes.append("no unit has two sessions: repeatability is not known, and is part of the spread")
     if found.excluded.any():
-        notes.append(f"the numbers are those without the {int(found.excluded.sum())} of {sessions.units} units that do not belong")
+        notes.append(f"the numbers are without the {int(found.excluded.sum())} of {sessions.units} units that do not belong")
     if sessions.units <= 2:
         notes.append("two units have no drift")
     odd = outliers(sessions, found)
@@ -208,8 +208,9 @@ MARKED_P = 0.01
 FEWEST_DRIFT = 30
 
 
-def lot_facts(report: LotReport) -> list[Part]:
-    """Headline, numbers, units that do not belong, notes."""
+def lot_facts(report: LotReport, everything: bool = True) -> list[Part]:
+    """The answer, numbers, units that do not belong, notes; everything: with the accelerometer's numbers."""
+    shown = [each for each in report.quantities if everything or each.name.startswith("gyro")]
     rows = [
         [
             f"{each.name}, {each.unit}",
@@ -218,26 +219,26 @@ def lot_facts(report: LotReport) -> list[Part]:
             significant(each.repeatability, 2),
             (each.drift_per_1000 if report.units >= FEWEST_DRIFT else None, each.drift_sigma),
         ]
-        for each in report.quantities
+        for each in shown
     ]
-    styles = {k: "bold red" for k, each in enumerate(report.quantities) if report.drifts and each.drift_p_value < MARKED_P}
-    said = "spread: one sigma between units, measurement noise taken out; repeats within: from session to session beyond what is stated"
-    header = ("", "mean ± sigma", "spread", "repeats within", "drift per 1000")
-    parts: list[Part] = [headline(report), Table("Sensor errors", header, rows, said, styles=styles)]
-    parts += [one_line(f"{each.says} ({probability(each.p_value)})", "bold red") for each in report.outliers[:MOST_SHOWN]]
+    styles = {k: "bold red" for k, each in enumerate(shown) if report.drifts and each.drift_p_value < MARKED_P}
+    title = "Spread between units, and repeats of a unit's sessions (one sigma)"
+    parts: list[Part] = [headline(report)]
+    parts += [one_line(f"{each.description} ({probability(each.p_value)})", "bold red") for each in report.outliers[:MOST_SHOWN]]
     if report.outliers_found > MOST_SHOWN:
         parts.append(f"and {report.outliers_found - MOST_SHOWN} more, in the lot's file")
+    parts.append(Table(title, ("", "mean ± sigma", "spread", "repeats", "drift per 1000"), rows, styles=styles, minor=(4,)))
     return parts + [one_line(f"Note: {note}.", "yellow") for note in report.notes]
 
 
 def headline(report: LotReport) -> Text:
-    """Number of units, drift, outliers."""
-    drift = f"{'it drifts' if report.drifts else 'no drift is seen'} (p = {report.drift_p_value:.2g})"
+    """Whether all units belong, and whether they drift."""
     count = report.outliers_found
-    which = f"{count} unit{'s do' if count != 1 else ' does'} not belong" if count else "all belong"
-    name = f"{report.sensor}: " if report.sensor else ""
-    said = f"{name}{report.units} units, {report.sessions} sessions; {drift}; {which}."
-    return one_line(said, "bold yellow" if count or report.drifts else "bold")
+    which = f"{count} unit{'s do' if count != 1 else ' does'} not belong" if count else "All belong"
+    drift = f"{'drift found' if report.drifts else 'no drift'} ({probability(report.drift_p_value)})"
+    of = f" of {report.sensor}" if report.sensor else ""
+    text = f"{which}, {drift}: {report.units} units{of}, {report.sessions} sessions."
+    return one_line(text, "bold yellow" if count or report.drifts else "bold")
 
 
 def lot_chapter(report: LotReport) -> Chapter:
@@ -250,7 +251,7 @@ def lot_chapter(report: LotReport) -> Chapter:
 # The figures are read from the folders when a page is made: they are of units, and no result of a session.
 
 TERMS = ("N", "B", "K")
-#: units below which a spread says nothing
+#: units below which a spread means nothing
 FEWEST = 3
 
 
@@ -263,7 +264,7 @@ def unit_noises(opened: FleetTable) -> list[NoiseFigures]:
             continue
         try:
             found[serial or folder] = read_figures(path)
-        except CalibrationError:  # fit of that session says it
+        except CalibrationError:  # fit of that session reports it
             continue
     return list(found.values())
 

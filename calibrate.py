@@ -7,6 +7,7 @@ Parses arguments, runs one command (``tinygc/cli/commands``, a file each), turns
 from __future__ import annotations
 
 import argparse
+import contextlib
 import io
 import os
 import sys
@@ -19,9 +20,8 @@ except ImportError as error:
     sys.exit(2)
 
 from session.base.errors import CalibrationError
-from session.base.texts import printable
 from tinygc.cli.arguments import joined, options_of, parser
-from tinygc.cli.results import ended_by_signals, silence, standard_output
+from tinygc.cli.results import complain, ended_by_signals, silence, standard_output, state_changes
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -42,29 +42,31 @@ def main(arguments: list[str] | None = None) -> int:
                 sys.stdout.flush()
         return code
     except CalibrationError as error:
-        print(f"calibrate: {error}", file=sys.stderr)
+        complain(str(error))
         return error.exit_code
     except KeyboardInterrupt:
-        print("calibrate: interrupted", file=sys.stderr)
+        complain("interrupted")
         return 130
     except OSError as error:
         try:
             sys.stdout.flush()
         except OSError:
             silence(sys.stdout.fileno())
-        print(f"calibrate: {printable(f'{error.filename}: ' if error.filename else '')}{error.strerror or error}", file=sys.stderr)
+        complain(f"{f'{error.filename}: ' if error.filename else ''}{error.strerror or error}")
         return 2
 
 
 def _run(args: argparse.Namespace) -> int:
     """With the effects of the folders that were named, and no others, in the catalogue."""
     options = options_of(args)
-    if not getattr(options, "effects", None):
-        return args.run(options)
-    from tinygc.effects import using
+    with contextlib.ExitStack() as named:
+        if getattr(options, "effects", None):
+            from tinygc.effects import using
 
-    with using(options.effects):
-        return args.run(options)
+            named.enter_context(using(options.effects))
+        code = args.run(options)
+    state_changes(options)
+    return code
 
 
 def _make_streams_safe() -> None:

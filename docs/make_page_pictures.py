@@ -24,7 +24,8 @@ from PIL import Image  # noqa: E402
 from session.bench.page.server import PageServer  # noqa: E402
 
 COLOURS = 128
-WIDE, NARROW = (1280, 900), (390, 844)
+#: name, turns before it, CSS px, whether dark
+PICTURES = (("view-3-turning", 7, (1280, 900), False), ("view-narrow", 12, (390, 844), True))
 
 
 def main() -> None:
@@ -44,28 +45,31 @@ def moments(browser: Browser, args: argparse.Namespace) -> None:
     server = PageServer()
     server.start()
     hand = CoachedHand(server)
+    hand.guide.stop_at_target = True
     try:
-        hand.until(lambda guide: guide.accepted >= 4 and guide.turning and guide.turn.path_rad > 0.7)
-        shoot(browser, server, args, "view-3-turning", WIDE)
-        hand.until(lambda guide: guide.accepted >= 10 and guide.turning and guide.turn.path_rad > 0.7)
-        shoot(browser, server, args, "view-narrow", NARROW, dark=True)
+        for name, accepted, size, dark in PICTURES:
+            if args.only in name:
+                hand.until(lambda guide, before=accepted - 3: guide.accepted >= before)
+                browser.open(server.address, *size, dark=dark, still=True)
+                hand.until(lambda guide, turns=accepted: turning(guide.accepted >= turns and guide.turning and guide.turn.path_rad > 0.7))
+                shoot(browser, server, args.out / f"{name}.png", size)
     finally:
         server.close()
 
 
-def shoot(browser: Browser, server: PageServer, args: argparse.Namespace, name: str, size: tuple[int, int], dark: bool = False) -> None:
+def turning(there: bool) -> bool:
+    """Whether the moment is there; slowly enough for the page to draw each pose of the last ten seconds."""
+    time.sleep(0.004)
+    return there
+
+
+def shoot(browser: Browser, server: PageServer, path: Path, size: tuple[int, int]) -> None:
     """As it is now, the ghost at its end (reduced motion)."""
-    if args.only not in name:
-        return
-    browser.open(server.address, *size, dark=dark, still=True)
-    until_s = time.monotonic() + 10
-    while browser.evaluate("document.getElementById('count').textContent") == "–" and time.monotonic() < until_s:
-        time.sleep(0.05)
     browser.ask("Runtime.evaluate", {"expression": "new Promise(r => setTimeout(r, 900))", "awaitPromise": True})
     for complaint in browser.complaints():
         if not complaint.startswith(f"fetched {server.address}"):
-            print(f"{name}: {complaint}")
-    keep(browser, args.out / f"{name}.png", size)
+            print(f"{path.stem}: {complaint}")
+    keep(browser, path, size)
 
 
 def keep(browser: Browser, path: Path, size: tuple[int, int]) -> None:

@@ -37,7 +37,7 @@ def main() -> None:
     turn_s = next(stop for start, stop in simulation.plan.turns if stop > 60)
     trembles = (samples.t_s > turn_s) & (samples.t_s < turn_s + 1.2)
     gyro[trembles] += HAND_DPS * DEG * np.random.default_rng(0).standard_normal((int(trembles.sum()), 3))
-    guide, coach, changes = Guide(Protocol()), Coach(), deque(maxlen=REMEMBERED)
+    guide, coach, changes = Guide(Protocol(), stop_at_target=True), Coach(), deque(maxlen=REMEMBERED)
     guide.coached = True
     guide.begin(Sensor("ASM330LHH", "", 416.0, 500, 4))
     guide.health.info_odr_hz = simulation.unit.odr_hz

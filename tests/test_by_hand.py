@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from calibrate import main
 from session.base.errors import FormatError
 from session.base.units import NS
 from session.detect.first_look import check_folder
@@ -14,6 +15,7 @@ from session.log.config import LeftOut, StillByHand
 from session.log.folder import add_by_hand, read_session, remove_by_hand
 from tinygc.closure.prepared import prepare
 from tinygc.estimation.options import FitOptions
+from tinygc.explanation.data_repair import without_creeping
 from tinygc.fitting.fit import fit_session
 
 SESSION = Path(__file__).resolve().parent.parent / "data" / "session1"
@@ -68,8 +70,21 @@ def test_a_still_left_out_joins_its_turns(folder, untouched):
     assert (joined.first.start, joined.last.start) == (untouched.problem.stills[8].start, untouched.problem.stills[10].start)
     assert joined.note == "passes over a still that was left out by hand (session.toml)"
     assert [f.says for f in prepared.warnings] == ["1 still left out by hand (session.toml)"]
-    found = [f for f in check_folder(folder) if f.what in ("by hand", "unused rests", "rests")]
-    assert [f.says for f in found if f.what == "by hand"] == ["1 still left out by hand (session.toml)"]
+    assert [f.what for f in check_folder(folder) if f.level in ("warning", "error")] == []
+
+
+def test_every_command_states_in_one_line_what_was_changed(folder, untouched, capsys):
+    assert main(["check", str(folder)]) == 0
+    assert "by hand" not in "".join(capsys.readouterr())
+    for number in (4, 6, 12):
+        last, first = times(untouched.problem, number)[1], times(untouched.problem, number + 1)[0]
+        add_by_hand(folder / "session.toml", LeftOut(LOG, (last + first) / 2))
+    add_by_hand(folder / "session.toml", StillByHand(LOG, sum(times(untouched.problem, 9)) / 2))
+    assert main(["check", str(folder)]) == 0
+    assert capsys.readouterr().err.splitlines()[-1] == "s: 3 segments left out, 1 still left out by hand (session.toml)"
+    found = {}
+    assert without_creeping(prepare(folder).problem, found).stills[9].problem == "was left out by hand (session.toml)"
+    assert found == {}  # it is not one that was not still
 
 
 def test_moved_ends_are_those_of_the_still(folder, untouched):

@@ -152,7 +152,7 @@ def test_vibration_is_seen_with_its_energy_and_a_hand_is_not(f_hz, share):
     ("name", "value", "words"),
     [
         ("gyro.g_sensitivity", np.diag([0, 0.05, 0.01]), "0.050 dps per g (most on y)"),
-        ("gyro.scale_nonlinearity", [0, 0, -0.02], "read less than slow ones (cubic, 2.00 % at full scale on z"),
+        ("gyro.scale_nonlinearity", [0, 0, -0.02], "read less (cubic, 2.00 % at full scale on z"),
         ("gyro.bandwidth", [0, 0.012, 0], "the y axis answers 12.0 ms late"),
         ("timing.axis_skew", [0, 0.001, 0.004], "z 4.0 ms after the first"),
         ("timing.gyro_accel_offset", [-0.015], "15.0 ms before the accelerometer"),

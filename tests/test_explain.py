@@ -15,6 +15,7 @@ from session.base.errors import DataError
 from session.base.units import DEG, G
 from session.log.siblings import others_beside, recordings_at
 from tinygc import SimulationOptions, explain, read_session, report
+from tinygc.effects import catalogue
 from tinygc.estimation.options import FitOptions
 from tinygc.explanation.checked import check_on
 from tinygc.explanation.engine import explain_session
@@ -22,8 +23,7 @@ from tinygc.explanation.physics import physics_methods
 from tinygc.explanation.result import to_json
 from tinygc.fitting.fit import fit_session
 from tinygc.reporting.checked_text import checked_page
-from tinygc.reporting.explanation_screen import explanation_screen, headline, in_unit, next_commands, next_line, plain_name
-from tinygc.reporting.explanation_text import explanation_facts
+from tinygc.reporting.explanation_text import explanation_facts, explanation_screen, headline, in_unit, next_commands, next_line, plain_name
 from tinygc.reporting.html.sections.explanation import section
 from tinygc.reporting.terminal import Group, as_text
 from tinygc.simulation.write import write_session
@@ -120,6 +120,14 @@ def test_the_first_screen_begins_with_the_answer_in_plain_words_and_has_no_expon
         factor, small = in_unit(size, unit)
         assert f"{size * factor:.3g} {small}" == shown
     assert plain_name("gyro.thermal_scale") == "gyro scale with temperature"
+
+
+@pytest.mark.parametrize("effect", catalogue().values(), ids=lambda effect: effect.id)
+def test_what_an_effect_does_fits_the_first_line(effect):
+    effect = effect if effect.scan is None else effect.scan.make(115.0)
+    statement, _, do = effect.describe(0.5 * np.full(effect.parameter.size, effect.parameter.plausible)).partition(": ")
+    assert len(f"FOUND, undecided: {statement}.") <= 80
+    assert do
 
 
 def test_a_scatter_that_no_effect_explains_stands_in_the_headline(explained):

@@ -57,7 +57,7 @@ def test_every_command_takes_a_name_that_is_no_text(evil, simulated, run):
     clean(run("check", evil))
     clean(run("export", evil, "--to", "json"))
     clean(run("apply", evil / "fit" / "model_least_squares.json", next(evil.glob("log*")), "-o", evil / "calibrated.csv"))
-    assert f"{SHOWN}: " in clean(run("explain", evil))
+    assert SHOWN in clean(run("explain", evil, "--verbose"))
 
 
 @pytest.mark.parametrize("serial", ['a\nb\r\n[x] \x1b[31m \x7f \u2028\x85 😀 "\\ Ø-12 µ', os.fsdecode(b"\xe9")])

@@ -49,7 +49,13 @@ class Screen:
     slow: bool = False
 
 
+ARRAY = "simulate --out array --units 3 --segments 16 --odr-hz 104"
+#: outputs of a sensor on a rate table, V
+RATES = "rate_dps,output_v\n-60,-1.2001\n-40,-0.7998\n-20,-0.4001\n0,0.0002\n20,0.3999\n40,0.8001\n60,1.1999\n"
+
 SCREENS = (
+    Screen("explain good", r"OK: nothing beyond the model shows \(p = 0\.\d+\)\.$", slow=True),
+    Screen("challenge --cases 1", r"3 of 3 effects found in simulation, 0 wrong names\.$", slow=True),
     Screen("import good/log0001.csv.gz --out own", r"own: 40 turns, 41 stills, 209\.6 Hz\.", lines=12),
     Screen("check good/log0001.csv.gz", r"READY"),
     Screen("fit good/log0001.csv.gz", r"PASS|NOT DECIDED", slow=True),
@@ -68,10 +74,22 @@ SCREENS = (
     Screen("check good", r"READY"),
     Screen("simulate --out made --segments 2 --closure 0 --odr-hz 62.5", r"made: 2 turns simulated; the truth is in truth.json$", 3),
     Screen("check good --all", r"READY \(30 ok\)$", 60, slow=True),
-    Screen("check", r"\d sessions?, "),
+    Screen("view good --out view.html", r"written: view\.html$", 1),
+    Screen("check", r"\d+ sessions?, "),
     Screen("fit good", r"PASS: held-out turns close to 0\.0143° \(limit 0\.028°\), closure run to 0\.0435°$", 21),
     Screen("fit good --limit 0.001", r"FAIL: held-out turns close to", code=1, slow=True),
     Screen("demo --out made", r"PASS: ", slow=True),
+    Screen("table list", r"grbl  ", 4),
+    Screen("rates rates.csv", r"rates: a straight line; it leaves 0\.000135 V rms$", slow=True),
+    Screen("fit array", r"3 units: closure 0\.\d+ to 0\.\d+° \(floor 0\.\d+°\); together 1\.\d+ × less noise$", before=(ARRAY,), slow=True),
+    Screen("explain array", r"OK: nothing beyond the model shows", before=(ARRAY,), slow=True),
+    Screen("sensors", r"20 sensors; "),
+    Screen("sensors mpu6050", r"MPU-6050, MPU-6000$", slow=True),
+    Screen("export good --to px4", r"written: good/export/px4.params$", before=("fit good",), slow=True),
+    Screen("apply good good/log0001.csv.gz -o out.csv", r"out.csv: 46521 samples, calibrated ", before=("fit good",), slow=True),
+    Screen("report good", r"PASS: ", slow=True),
+    Screen("fit good --accelerometer alone", r"good: 41 stills in 28 attitudes; ", slow=True),
+    Screen("demo --out tried", r"PASS: ", slow=True),
 )
 
 
@@ -136,6 +154,7 @@ def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("screens")
     (folder / "calibrate.py").symlink_to(ROOT / "calibrate.py")
     shutil.copytree(ROOT / "data" / "session1", folder / "good", copy_function=shutil.copyfile)
+    (folder / "rates.csv").write_text(RATES, encoding="utf-8")
     return folder
 
 

@@ -70,7 +70,7 @@ def test_what_fit_says_to_run_next_has_the_effects_that_it_was_given(tmp_path):
     def says(*effects):
         tests = [ModelTest("turns", 0.009, 0.01, "")]
         result = SimpleNamespace(session=SimpleNamespace(folder=Path("s")), file_to_use="m.json", tests=tests, allowed=None)
-        return next_line(result, SimpleNamespace(passed=True), effects).plain
+        return next_line(result, SimpleNamespace(passed=True, answer="pass"), effects).plain
 
     assert says() == "next: python calibrate.py explain s"
     assert (

@@ -433,7 +433,7 @@ class Guide:
         do = advice.words if advice else self.any_turn
         if not turn.moving:
             waits = f"turn {self.accepted + 1}{'' if self.stop_at_target else f' of {self.segments}'}"
-            return Instruction(self.stage, do, f"{waits}; {advice.reason}" if advice and advice.reason else waits)
+            return Instruction(self.stage, do, advice.reason if advice and advice.reason else waits)
         full_scale_dps, peak_dps = self._sensor.gyro_fs_dps, turn.peak_rps / DEG
         turned = f"turned {turn.path_rad / DEG:.0f}° so far"
         if peak_dps > PEAK_FULL_SCALE * full_scale_dps:

@@ -114,7 +114,7 @@ def _state(guide: Guide) -> Table:
     table.add_column(overflow="fold")
     stream: list[tuple[str, RenderableType]] = [
         ("stream", _stream(health)),
-        ("faults", _counts((f"{count} {name}", bool(count)) for name, count in health.faults.items())),
+        ("faults", _counts((f"{count} {name}", True) for name, count in health.faults.items() if count) or "none"),
         ("temperature", _temperature(guide)),
     ]
     if isinstance(guide, RestGuide):

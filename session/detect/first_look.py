@@ -53,7 +53,7 @@ from session.detect.findings import Finding, as_arguments, worst
 from session.detect.segments import FEWEST_SEGMENTS, Ends, Segment, cut_segments, known_turns, moments_of, session_segments
 from session.detect.signatures import FILTER, check_signatures, explains_others
 from session.detect.stills import Noise, SessionStills, Still, UnusedRest, references
-from session.log.config import HOST_CLOCK, ByHand, Config, LeftOut, read_config
+from session.log.config import HOST_CLOCK, ByHand, Config, LeftOut, by_hand_words, read_config
 from session.log.folder import Session, read_session
 from session.log.lines import BREAKS_OFF
 from session.log.logfile import Log, read_log
@@ -243,21 +243,19 @@ def _check_keys(config: Config) -> list[Finding]:
 
 def check_by_hand(session: Session) -> list[Finding]:
     """What a person left out or changed (session.toml), in one line; and turns left out in logs that are not there, or outside of them."""
-    findings, count = [], dict.fromkeys(("segment", "still", "moved still"), 0)
+    findings: list[Finding] = []
+    there: list[ByHand] = []
     rows: list[ByHand] = [*session.config.exclude, *session.config.still]
     for row in rows:
         logs = session.logs if isinstance(row, LeftOut) else (*session.logs, *session.closures)
         mine = [log.samples for log in logs if moments_of(log.path, [row])]
         if any(samples.t_ns[0] * NS <= row.at_s <= samples.t_ns[-1] * NS for samples in mine):
-            count["segment" if isinstance(row, LeftOut) else "still" if row.from_s is None else "moved still"] += 1
+            there.append(row)
             continue
         where = "lies outside of it" if mine else "is no log of this session"
-        text, do = f"{row.log} at {row.at_s:g} s is left out, which {where}", "correct log and at_s (s of the log's clock), or remove it"
-        findings.append(Finding("warning", "session.toml", "exclude", text, do))
-    parts = [f"{number} {what}{'s' * (number > 1)} left out" for what, number in count.items() if number and what != "moved still"]
-    if number := count["moved still"]:
-        parts.append(f"the ends of {number} still{'s' * (number > 1)} moved")
-    return findings + ([Finding("note", "session.toml", CHANGED, f"{', '.join(parts)} by hand (session.toml)")] if parts else [])
+        says, do = f"{row.log} at {row.at_s:g} s is left out, which {where}", "correct log and at_s (s of the log's clock), or remove it"
+        findings.append(Finding("warning", "session.toml", "exclude", says, do))
+    return findings + ([Finding("ok", "session.toml", CHANGED, by_hand_words(there))] if there else [])
 
 
 CHANGED = "by hand"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import date, time
 from functools import cached_property
@@ -351,6 +351,16 @@ class StillByHand:
 #: what a person changed of a log
 ByHand = LeftOut | StillByHand
 R = TypeVar("R", LeftOut, StillByHand)
+
+
+def by_hand_words(rows: Sequence[ByHand]) -> str:
+    """How much a person left out or changed, in one line; empty without any."""
+    moved = sum(isinstance(row, StillByHand) and row.from_s is not None for row in rows)
+    segments = sum(isinstance(row, LeftOut) for row in rows)
+    counts = {"segment": segments, "still": len(rows) - segments - moved}
+    parts = [f"{count} {what}{'s' * (count > 1)} left out" for what, count in counts.items() if count]
+    parts += [f"the ends of {moved} still{'s' * (moved > 1)} moved"] if moved else []
+    return f"{', '.join(parts)} by hand (session.toml)" if parts else ""
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,11 @@ import contextlib
 import errno
 import os
 import select
+import shutil
 import signal
 import sys
 import tempfile
+import textwrap
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 from session.base.errors import CalibrationError
 from session.base.files import is_stream, refuse_link
 from session.base.names import refuse_recorded
+from session.base.options import declared
 from session.base.texts import printable
 from tinygc.cli.arguments import is_standard_output
 
@@ -139,8 +142,24 @@ def verdict(args: Any, line: RenderableType) -> None:
 
 
 def complain(line: str) -> None:
-    """Print one line on standard error, whatever file or folder it quotes."""
-    print(f"calibrate: {printable(line)}", file=sys.stderr)
+    """Print one line on standard error, whatever file or folder it quotes; on a terminal it wraps between words."""
+    text = f"calibrate: {printable(line)}"
+    if sys.stderr.isatty():
+        text = textwrap.fill(text, shutil.get_terminal_size().columns, break_long_words=False, break_on_hyphens=False)
+    print(text, file=sys.stderr)
+
+
+def state_changes(args: Any) -> None:
+    """State on standard error what a person left out or changed of each session that a command was given; nothing when quiet."""
+    from session.log.config import by_hand_words, read_config
+
+    given = [getattr(args, each.name) for each, rule in declared(args) if rule.positional]
+    for path in (path for value in given for path in (value if isinstance(value, tuple) else (value,)) if isinstance(path, Path)):
+        if (path / "session.toml").is_file() and not args.quiet:
+            with contextlib.suppress(CalibrationError):
+                config = read_config(path / "session.toml")
+                if words := by_hand_words([*config.exclude, *config.still]):
+                    print(printable(f"{path.name}: {words}"), file=sys.stderr)
 
 
 def inside(folder: Path, name: str) -> Path | None:

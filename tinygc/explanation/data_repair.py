@@ -15,7 +15,7 @@ from session.base.progress import Told, untold
 from session.base.units import DEG, NS_PER_S
 from session.detect import bridging
 from session.detect.segments import Segment
-from session.detect.stills import SessionStills
+from session.detect.stills import BY_HAND, SessionStills
 from session.log.folder import Session
 from tinygc.closure import residual
 from tinygc.closure.build import build_problem
@@ -517,7 +517,7 @@ def is_inside(old: Segment, new: Segment) -> bool:
 def without_creeping(problem: Problem, found: dict[str, Claim]) -> Problem:
     """Reject creeping stills: the detector found those in which gravity moves; those that turn about the vertical show in the gyro's
     rate."""
-    numbers = [i for i, still in enumerate(problem.stills) if still.problem is not None]
+    numbers = [i for i, still in enumerate(problem.stills) if still.problem not in (None, BY_HAND)]
     if not numbers:
         return problem
     turning = about_the_vertical(problem)

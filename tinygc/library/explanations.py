@@ -26,8 +26,7 @@ from tinygc.library.arguments import public, session_or_folder
 from tinygc.library.records import Listed, Shown
 from tinygc.reporting.checked_text import checked_page
 from tinygc.reporting.drawing import Picture, saved
-from tinygc.reporting.explanation_screen import explanation_screen, headline, next_commands, next_line
-from tinygc.reporting.explanation_text import explanation_facts
+from tinygc.reporting.explanation_text import explanation_facts, explanation_screen, headline, next_commands, next_line
 from tinygc.reporting.facts import Part, screen
 from tinygc.reporting.pictures.page import picture_of
 from tinygc.reporting.terminal import Group, Text
@@ -137,7 +136,7 @@ class Why(Shown):
 
     def parts(self, brief: bool = False) -> list[Part]:
         """Its facts, without what to do next; brief: those of the command's first screen."""
-        return explanation_screen(self.explanation) if brief else explanation_facts(self.explanation, with_next=False)
+        return explanation_screen(self.explanation) if brief else explanation_facts(self.explanation)
 
     @property
     def verdict_line(self) -> Text:

@@ -1,14 +1,23 @@
-"""An explanation as facts for terminal and page, whatever its reference."""
+"""An explanation as text: the answer, the first screen of the command, and all facts, which ``--verbose`` and the report have.
+
+The first screen fits 80 columns and 24 lines.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from math import isfinite
 from typing import Any
 
-from session.base.texts import measured, probability
-from session.base.units import DEG, MG
-from tinygc.effects.effect import IN_STILLS
-from tinygc.explanation.claims import LEFT
+import numpy as np
+
+from session.base.numeric import rms_of
+from session.base.texts import command_line, listed, measured, printable, probability, significant
+from session.base.units import DEG
+from session.detect.first_look import CHANGED
+from tinygc.effects import catalogue
+from tinygc.effects.effect import Derived
+from tinygc.explanation.claims import LEFT, Claim
 from tinygc.explanation.decision import tilt_rms
 from tinygc.explanation.engine import Explanation
 from tinygc.explanation.result import (
@@ -21,29 +30,189 @@ from tinygc.explanation.result import (
     noise_rows,
     residual_table,
     rival_words,
-    what_next,
     where,
 )
 from tinygc.explanation.search import lines_end_hz
-from tinygc.noise.turn_gravity import TurnGravity
+from tinygc.inference.decide import KINDS
 from tinygc.noise.twin import Variable
-from tinygc.reporting.explanation_screen import headline, limits
 from tinygc.reporting.facts import Part, Table
 from tinygc.reporting.terminal import Text, one_line
 
 MOST_SEGMENTS = 6  #: number of segments listed, worst first
+#: rms, in sigmas, from which slope or scatter of the rate within the stills is more than noise
+BEYOND_NOISE = 2.0
+#: rows of the smallest errors, those that matter most to an attitude first
+MOST_LIMITS = 8
+FIRST_LIMITS = (
+    *("gyro.thermal_scale", "gyro.scale_asymmetry", "gyro.scale_nonlinearity", "gyro.g_sensitivity", "gyro.thermal_bias"),
+    *("gyro.bias_step", "timing.axis_skew", "reference.accelerometer"),
+)
+#: unit -> a smaller one, and how many there are in it
+SMALLER = {"dps": ("mdps", 1e3), "mg": ("µg", 1e3), "fraction": ("%", 1e2), "%": ("ppm", 1e4), "s": ("ms", 1e3), "ms": ("µs", 1e3)}
+SMALLER |= {"fraction of full scale": ("% of full scale", 1e2)}
 
 
-def explanation_facts(e: Explanation, panels: Sequence[Part] = (), with_next: bool = True) -> list[Part]:
-    """Facts of an explanation: verdict, effects with their parameters, residuals, evidence and, if ``with_next``, what to do next; panels:
-    for a page."""
-    parts: list[Part] = [*headline(e), *([] if e.decision is None else [one_line(f"fit: {e.decision.headline}", "dim")]), ""]
-    among = " among the catalogue's effects" if e.verdict in LEFT else ""
+def explanation_screen(e: Explanation) -> list[Part]:
+    """Facts of an explanation for its first screen, without what to do next."""
+    parts: list[Part] = [*_answer(e), ""]
+    if len(named := [*e.claimed, *e.findings]) > 1:
+        parts += [one_line(f"{number}. {_statement(claim)}.") for number, claim in enumerate(named, 1)]
+    rows = [row for claim in e.claimed for row in _rows(claim)]
+    parts += [one_line(" ".join(row)) for row in rows if len(row) == 3]
+    of_axes = [(f"{label}, {unit}", *values) for label, unit, *values in rows if len(values) > 1]
+    parts += [Table("", ("", "x", "y", "z"), of_axes)] if of_axes else []
+    parts += limits(e) if e.verdict == "no_mismatch" else []
+    return parts + ([] if e.shown is None else e.shown.brief)
+
+
+def _answer(e: Explanation) -> list[Part]:
+    return [*headline(e), _closure(e), *_looks(e)]
+
+
+def headline(e: Explanation) -> list[Text]:
+    """The answer in one line, and what it leaves open."""
+    style, named = KINDS[e.verdict].style, [*e.claimed, *e.findings]
+    scatter = max((rms_of(sigmas) for sigmas in e.within.values()), default=0.0)
+    left = f"within the stills the rate scatters {scatter:.0f} sigma beyond its noise" if scatter > BEYOND_NOISE else ""
+    found = "" if not named else _statement(named[0]) if len(named) == 1 else f"{len(named)} effects explain the mismatch"
+    if e.verdict == "no_mismatch":
+        first = f"OK, but {left}." if left else f"OK: nothing beyond the model shows ({probability(e.p_value)})."
+        return [Text(first, style)]
+    if e.verdict == "unexplained":
+        lines = [one_line(f"NOT EXPLAINED: {found or e.words[0]}.", style)]
+        return lines + ([Text(f"Not explained either: {left}.", style)] if left else [])
+    alike = [claim for claim in e.claimed if claim.equivalent]
+    fit = ", undecided" if alike else ""
+    lines = [one_line(f"FOUND{', not all' if left or e.verdict == 'partly_explained' else fit}: {found}.", style)]
+    lines += [Text("Something without a name is left.", style)] if e.verdict == "partly_explained" else []
+    lines += [Text(f"Not explained: {left}.", style)] if left else []
+    for claim in alike:
+        instead = f" in place of {plain_name(claim.effect.id)}" if len(named) > 1 else ""
+        lines.append(one_line(f"Fit as well{instead}: {', '.join(map(plain_name, claim.equivalent))}.", "yellow"))
+    return lines
+
+
+def plain_name(id: str) -> str:
+    """``gyro scale with temperature`` of ``gyro.thermal_scale``."""
+    kind, _, name = id.partition(".")
+    words = name.replace("_", " ").replace("g sens", "g-sens").replace("g2", "g²")
+    if words.startswith("thermal "):
+        words = f"{words.removeprefix('thermal ')} with temperature"
+    return words if kind in ("timing", "data", "unknown") else f"{kind} {words}"
+
+
+def _statement(claim: Claim) -> str:
+    """What the effect does, without what to do about it."""
+    return printable(claim.description.partition(": ")[0])
+
+
+def _closure(e: Explanation) -> Text:
+    """Held-out closure without and with what is named, and what noise leaves."""
+    before, after, named = (f"{tilt_rms(angles) / DEG:.4f}°" for angles in (e.proof.before, e.proof.after, e.proof.named))
+    floor = f"noise alone leaves {e.proof.floor_rms / DEG:.4f}°."
+    if e.proof.worse:
+        return Text(f"Held-out closure {before}, with this {named}: the model stays without; {floor}")
+    return Text(f"Held-out closure {before}{f' -> {after}' if after != before else ''}; {floor}")
+
+
+def _looks(e: Explanation) -> Iterator[Text]:
+    """What families leave open, gravity in the turns, the registers, and what the first look warned of, a line each."""
+    for family in families_of(e):
+        yield Text(f"{family.words}.".capitalize(), "yellow")
+    if e.gravity is not None:
+        late, sigma = 1e3 * e.gravity.offset_s, 1e3 * e.gravity.whole_sigma_s
+        apart = f"in step ({measured(late, sigma)} ms)" if abs(late) < 2 * sigma else f"{measured(abs(late), sigma)} ms apart"
+        lever = ", ".join(f"{1e3 * x:.0f}" for x in e.gravity.lever_m)
+        yield Text(f"Lever arm {lever} mm.{'' if e.gravity.is_offset else f' Gyro and accelerometer {apart}.'}")
+        if not e.repaired.found:
+            yield Text("No clipping, no lost samples.")
+    if warned := [warning.what for warning in e.warnings if warning.what != CHANGED]:
+        what = listed(list(dict.fromkeys(warned)), 3)
+        yield one_line(f"The first look warns of {what}: see `check`.", "yellow")
+
+
+def _rows(claim: Claim) -> Iterator[list[str]]:
+    """Label, value and unit of each number of a claim, in units of its size; label, unit and three values of a vector, or of a row of a
+    matrix."""
+    effect = claim.effect
+    for name, value in claim.parameters.items():
+        if effect.occurs is not None and name == effect.occurs.key and isinstance(value, list):
+            yield [plain_name(effect.id), f"at {len(value)}", "moment" if len(value) == 1 else "moments"]
+            continue
+        if isinstance(value, str) or not np.size(value):
+            continue
+        label, unit = plain_name(effect.id), name.rpartition("_")[2]
+        if name == effect.parameter.name:
+            unit = effect.parameter.unit
+        elif isinstance(effect.derived, Derived):
+            unit = effect.derived.unit
+        elif effect.scan is not None:
+            label, unit = f"{label}: {effect.scan.name.removesuffix(f'_{effect.scan.unit}')}".replace("_", " "), effect.scan.unit
+        values = np.asarray(value, dtype=float)
+        factor, unit = in_unit(float(np.abs(values).max()), unit)
+        sigmas = np.full_like(values, np.nan) if claim.std.get(name) is None else np.asarray(claim.std[name], dtype=float)
+        numbers = np.frompyfunc(measured, 2, 1)(values * factor, sigmas * factor)
+        if values.size == 1:
+            yield [label, str(numbers), unit]
+        elif values.ndim == 1:
+            yield [label, unit, *numbers, ""][:5]
+        else:
+            for axis, row in zip("xyz", numbers, strict=False):
+                yield [f"{label} of {axis}", unit, *row, ""][:5]
+
+
+def in_unit(size: float, unit: str) -> tuple[float, str]:
+    """Factor and unit in which a size is at least one."""
+    factor, (first, per, last) = 1.0, unit.replace("1/", "fraction/", 1).partition("/")
+    while 0 < size * factor < 1 and first in SMALLER:
+        first, times = SMALLER[first]
+        factor *= times
+    return factor, first + per + last
+
+
+def limits(e: Explanation, most: int = MOST_LIMITS) -> list[Part]:
+    """The smallest errors that would have shown, and what cannot show."""
+    known = sorted(e.detection_limits, key=lambda name: (FIRST_LIMITS.index(name) if name in FIRST_LIMITS else MOST_LIMITS, name))
+    seen, parts = [name for name in known if isfinite(e.detection_limits[name])], list[Part]()
+    rows = [(plain_name(name), *_limit(name, e.detection_limits[name])) for name in seen[:most]]
+    more = len(seen) - len(rows)
+    title = f"Smallest errors that would have shown{f' ({more} more: --verbose)' if more else ''}"
+    parts += [title, Table("", ("", "", ""), rows, left=(0, 2))] if rows else []
+    blind = [plain_name(name) for name in known if name not in seen]
+    return [*parts, *([one_line(f"This recording cannot show: {', '.join(blind)}.")] if blind else [])]
+
+
+def _limit(name: str, size: float) -> tuple[str, str]:
+    factor, unit = in_unit(size, catalogue()[name].parameter.unit)
+    return significant(size * factor, 2), unit
+
+
+def next_line(e: Explanation, following: str | None) -> str:
+    """What to do next: what would decide what is open, else what to do about the effect."""
+    do = following or "; ".join(dict.fromkeys(claim.description.partition(": ")[2] for claim in e.claimed if ": " in claim.description))
+    return f"next: {do}" if do else "next:"
+
+
+def next_commands(e: Explanation) -> list[str]:
+    """The command that goes on from here, if there is one."""
+    if e.session.in_memory:
+        return []
+    if e.verdict == "no_mismatch":
+        return [command_line("report", e.session.folder)]
+    named = e.verdict in ("explained", "partly_explained") and any(claim.effect.kind == "rate" for claim in e.proof.fit.state.claims)
+    return [command_line("fit", e.session.folder, "--physics", "auto")] if named else []
+
+
+# All facts: what the screen begins with, then each effect with its evidence, residuals, what was rejected, the noise.
+
+
+def explanation_facts(e: Explanation, panels: Sequence[Part] = ()) -> list[Part]:
+    """Facts of an explanation, without what to do next; panels: for a page."""
+    parts: list[Part] = [*_answer(e), *([] if e.decision is None else [one_line(f"fit: {e.decision.headline}", "dim")]), ""]
     # Warnings of the first look come before findings without a name: they are the likelier cause.
     for warning in e.warnings:
-        parts += [Text(f"First look: {warning.where}: {warning.what}: {warning.says}; {warning.do}", "yellow"), ""]
-    for family in families_of(e):
-        parts += [family.words, ""]
+        parts += [Text(f"First look: {warning.line}", "yellow"), ""]
+    among = " among the catalogue's effects" if e.verdict in LEFT else ""
     for claim, style in (*((claim, "bold cyan") for claim in e.claimed), *((claim, "bold magenta") for claim in e.findings)):
         named = style == "bold cyan"
         chance = f"   probability {chance_words(claim.probability)}{among * named}, {probability(claim.p_value, claim.p_is_bound)}"
@@ -53,22 +222,21 @@ def explanation_facts(e: Explanation, panels: Sequence[Part] = (), with_next: bo
         if claim.equivalent:
             parts.append(Text(f"  fit as well: {', '.join(equivalent_words(claim))}", "yellow"))
         parts += [*([f"  alternatives: {', '.join(rivals)}"] if (rivals := rival_words(claim)) else []), ""]
-    parts += [Text(HEADING, "italic"), channels_table(e), *panels]
-    parts += [] if e.gravity is None else [_gravity(e.gravity), _stamps(e)]
+    columns = ("before", "after") if is_refitted(e) else ("rms",)
+    rows = [(channel, values, *(f"{rms:.2f}" for rms in shown)) for channel, values, shown in residual_table(e)]
+    parts += [Text(HEADING, "italic"), Table("", ("channel", "values", *columns), rows), *panels]
     parts += [*([] if e.shown is None else [Table("", ("", ""), e.shown.rows, left=(0, 1))]), ""]
-    # Candidates that were detected or weighed, and rejected.
-    lines = considered_lines(e)
-    parts += ["considered, and rejected:", *(f"  {line}" for line in lines)] if lines else []
+    if lines := considered_lines(e):
+        parts += ["considered, and rejected:", *(f"  {line}" for line in lines)]
     if e.verdict == "unexplained" and (highest := lines_end_hz(e.twin)) is not None:
         parts.append(f"not searched: lines of the rate above {highest:.2g} Hz, too many in so long a session")
-    if rows := noise_rows(e):
-        parts.append(Table("estimated non-white noise", ("component", "± one sigma", "what it is"), rows, left=range(3)))
+    if components := noise_rows(e):
+        parts.append(Table("estimated non-white noise", ("component", "± one sigma", "what it is"), components, left=range(3)))
     if not e.problem.instability.source.startswith("typical"):
         parts.append(f"bias instability, the prior of `noise.bias_wander`: {e.problem.instability.words}")
     parts += [e.problem.at_rest.words] if e.problem.at_rest is not None and e.problem.at_rest.words else []
-    parts += [*(["; ".join(place)] if (place := where_words(e)) else []), _proof(e)]
-    parts += limits(e, len(e.detection_limits)) if e.verdict == "no_mismatch" else []
-    return parts + ([Text.assemble(("next: ", "bold"), following)] if with_next and (following := what_next(e)) else [])
+    parts += [place] if (place := _where(e)) else []
+    return parts + (limits(e, len(e.detection_limits)) if e.verdict == "no_mismatch" else [])
 
 
 def parameter_lines(parameters: Mapping[str, Any], stds: Mapping[str, Any]) -> list[str]:
@@ -93,65 +261,17 @@ def _numbers(value: Any, std: Any) -> str:
     return "   ".join(measured(v, s) for v, s in zip(value, std, strict=True))
 
 
-def channels_table(e: Explanation) -> Table:
-    """Table of channels: root mean square of recording less prediction, in sigmas of the channel's noise."""
-    rows = [(channel, values, *(f"{rms:.2f}" for rms in shown)) for channel, values, shown in residual_table(e)]
-    return Table("", ("channel", "values", *(("before", "after") if is_refitted(e) else ("rms",))), rows)
-
-
-def _stamps(e: Explanation) -> Text:
-    """Compare registers and stamps with the prediction, which has no false reading and one sample per period."""
-    longest = max(float(log.samples.dt_s.max() / log.samples.period_s) for log in e.problem.logs)
-    repaired = [claim.effect for claim in e.claimed if claim.effect.id in e.repaired.found]
-    found = [effect.id for effect in repaired if effect.occurs is None or effect.occurs.counts != IN_STILLS]
-    registers = ", ".join(found) or "no clipping, no false readings, no lost samples"
-    return Text(f"registers: {registers}; stamps: longest interval {longest:.2f} periods")
-
-
-def _gravity(gravity: TurnGravity) -> Text:
-    lever = ", ".join(f"{1e3 * x:.0f}" for x in gravity.lever_m)
-    return Text(
-        f"gravity during the turns: off by {gravity.before_mps2 / MG:.1f} mg rms; {gravity.after_mps2 / MG:.1f} mg with a lever arm of "
-        f"{lever} mm and the gyro {1e3 * abs(gravity.offset_s):.2f} ms {'late' if gravity.offset_s > 0 else 'early'}"
-        + ("" if gravity.is_offset else f" ± {1e3 * gravity.whole_sigma_s:.2f}, reported from {1e3 * gravity.bar_s:.1f} on")
-    )
-
-
-def where_words(e: Explanation) -> list[str]:
-    """Where the mismatch lives: phases, axes, range, times, and the worst segments; empty where it is unknown."""
+def _where(e: Explanation) -> str:
+    """Phases, axes, range and times of the mismatch, and the worst segments."""
     place = where(e)
     if not place["phases"]:
-        return []
-    words = [f"where: {', '.join(place['phases'])}"]
-    if place["axes"]:
-        words.append(f"axes {', '.join(place['axes'])}")
-    words += [text for text in (variable_words(place["conditions"]), seconds_words(place["seconds"])) if text]
-    if place["segments"]:
-        worst = zip(place["segments"][:MOST_SEGMENTS], place["segment_seconds"], strict=False)
-        words.append("worst segments " + ", ".join(f"{number} ({start:.0f}–{stop:.0f} s)" for number, (start, stop) in worst))
-    return words
-
-
-def variable_words(regime: dict | None) -> str:
-    """Range of the variable, such as ``gravity along x −0.98 to 1 g``; empty without a range, or if the variable is time."""
-    if regime is None or regime["variable"] == "time":
         return ""
-    words = Variable(regime["variable"], "xyz".index(regime["axis"]) if "axis" in regime else None).words
-    return f"{words} {regime['from']:.3g} to {regime['to']:.3g} {regime['units']}".replace("-", "−")
-
-
-def seconds_words(seconds: list[float] | None) -> str:
-    """Time range, such as ``from 3.2 to 154.7 s``, or an empty text."""
-    return "" if seconds is None else f"from {seconds[0]:.1f} to {seconds[1]:.1f} s"
-
-
-def _proof(e: Explanation) -> Text:
-    before, after, floor = (x / DEG for x in (tilt_rms(e.proof.before), tilt_rms(e.proof.after), e.proof.floor_rms))
-    if not e.proof.changed:
-        return Text(f"held-out closure: {before:.4f}°, floor {floor:.4f}°")
-    removed = "" if e.proof.removed is None else f"; {100 * e.proof.removed:.1f} % of the excess is gone"
-    if e.proof.removed is not None and e.proof.removed <= 0:
-        removed = "; closure is no better with what is named"
-    if e.proof.worse:
-        removed = f"; closure is worse with what is named, {tilt_rms(e.proof.named) / DEG:.4f}°: the model stays without it"
-    return Text(f"held-out closure: {before:.4f}° before, {after:.4f}° after, floor {floor:.4f}°{removed}")
+    words, at = [f"where: {', '.join(place['phases'])}"], place["conditions"]
+    words += [f"axes {', '.join(place['axes'])}"] if place["axes"] else []
+    if at is not None and at["variable"] != "time":
+        variable = Variable(at["variable"], "xyz".index(at["axis"]) if "axis" in at else None).words
+        words.append(f"{variable} {at['from']:.3g} to {at['to']:.3g} {at['units']}")
+    words += [] if place["seconds"] is None else [f"from {place['seconds'][0]:.1f} to {place['seconds'][1]:.1f} s"]
+    worst = zip(place["segments"][:MOST_SEGMENTS], place["segment_seconds"], strict=False)
+    listing = ", ".join(f"{number} ({start:.0f}–{stop:.0f} s)" for number, (start, stop) in worst)
+    return "; ".join([*words, *([f"worst segments {listing}"] if listing else [])])

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from session.base.texts import command_line
+from session.base.texts import command_line, significant
+from session.detect.stills import BY_HAND
 from tinygc.fitting.results import FitResult
 from tinygc.inference.decide import KINDS
 from tinygc.reporting.facts import screen
@@ -28,7 +29,7 @@ def verdict_lines(decision: Acceptance, reasons: bool = False) -> list[Text]:
     if reasons:
         met = {True: "met", False: "not met", None: "not decided"}
         small += [f"  {met[each]}: {reason}" for each, reason in decision.reasons]
-        small += [f"  limit {decision.limit_deg:.4g}°: {decision.limit_from}"] if decision.limit_deg is not None else []
+        small += [f"  limit {significant(decision.limit_deg)}°: {decision.limit_from}"] if decision.limit_deg is not None else []
     return [*lines, *(one_line(line, "dim") for line in small)]
 
 
@@ -44,7 +45,7 @@ def _remarks(result: FitResult) -> list[Text]:
     """What costs accuracy."""
     warned = [f"{w.where}: {w.says}" for w in result.warnings if w.level == "warning"]
     found = [*dict.fromkeys(warned), *(f"{TITLES[name]}: {why}" for name, why in result.not_run.items())]
-    if left_out := sum(not segment.accepted for segment in result.problem.segments):
+    if left_out := sum(segment.problem not in (None, BY_HAND) for segment in result.problem.segments):
         found.append(f"{left_out} turn{'s' * (left_out > 1)} left out")
     if words := result.session.config.sensor.clock_words:
         found.append(f"{words}, included in every scale's sigma; `fit --clock arrivals` takes it out")
@@ -72,8 +73,11 @@ def next_line(result: FitResult, decision: Acceptance, effects: Sequence[Path] =
         return one_line(f"next: record more turns, to more attitudes; {command_line('check', folder)}")
     if missing_of(result):
         return one_line(f"next: {command_line('fit', folder, '--physics', 'auto', *_given(effects))}")
-    unexplained = bool(contradictions(result.tests)) or not decision.passed
-    return one_line(f"next: {command_line('explain' if unexplained else 'report', folder, *_given(effects))}")
+    if contradictions(result.tests) or not decision.passed:
+        return one_line(f"next: {command_line('explain', folder, *_given(effects))}")
+    if decision.answer == "not decided":
+        return one_line(f"next: record more turns; {command_line('check', folder, '--plan')} names them")
+    return one_line(f"next: {command_line('report', folder, *_given(effects))}")
 
 
 def missing_of(result: FitResult) -> str:

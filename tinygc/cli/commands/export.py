@@ -25,11 +25,11 @@ def run(args: Options) -> int:
     from tinygc.library.reports import export
 
     made = export(args.folder, args.to, **values(args, ExportOptions))
-    for remark in made.remarks:
-        complain(remark)
     home = args.folder.parent if args.folder.is_file() else args.folder
     written = made.save(args.out or home / "export")
-    for path in written:
-        output(args).print(f"written: {path}")
+    console = output(args)
+    console.print(f"written: {', '.join(map(str, written))}")
+    for remark in made.remarks:
+        complain(remark) if console.quiet else console.print(remark, style="yellow")
     write_json(args.json, made.to_json(written))
     return 0

@@ -35,9 +35,12 @@ def run(args: Options) -> int:
 
     console, chosen = output(args), sensors(args.name)
     if args.name is None:
-        for profile in chosen:
-            console.print(_line(profile))
-        console.print("(remembered figures are in brackets: nothing is held against them)")
+        from session.base.texts import command_line
+        from tinygc.reporting.facts import Table
+
+        console.print(f"{len(chosen)} sensors; {command_line('sensors', 'NAME')} shows all about one")
+        header = ("", "± dps", "± g", "data rates, Hz", "noise, mdps/√Hz")
+        console.print(Table("", header, list(map(_row, chosen)), "In brackets: a figure from memory, not used.", left=(0, 1, 2, 3)))
     else:
         for line in _lines(chosen[0]):
             console.print(line)
@@ -45,21 +48,27 @@ def run(args: Options) -> int:
     return 0
 
 
-def _line(profile: Profile) -> str:
+def _row(profile: Profile) -> list[str]:
     noise = profile.gyro_noise_mdps_rthz
-    said = "" if noise is None else f"; {_value(noise, 'mdps/√Hz')}"
-    return f"{profile.name:11} {_ranges(profile.gyro)} dps; {_ranges(profile.accel)} g; {_rates(profile)}{said}"
+    rates = [*profile.odr_hz, *(rate for base_hz, most in profile.divided for rate in (base_hz, base_hz / most))]
+    cells = (_span(list(values or ())) for values in (profile.gyro, profile.accel, rates))
+    return [profile.name, *cells, "" if noise is None else _value(noise, "")]
+
+
+def _span(values: list[float]) -> str:
+    ends = [f"{value:.5g}" for value in sorted({min(values), max(values)})] if values else ["any"]
+    return " to ".join(ends)
 
 
 def _lines(profile: Profile) -> list[str]:
     lines = [", ".join((profile.name, *profile.also))]
     for what, unit, full_scale, table in (("gyroscope", "mdps", "dps", profile.gyro), ("accelerometer", "mg", "g", profile.accel)):
-        each = "full scale / 32768" if table is None else ", ".join(f"{lsb:.6g} at ±{fs:g} {full_scale}" for fs, lsb in table.items())
+        each = "full scale / 32768" if table is None else ", ".join(f"{lsb:.5g} at ±{fs:g} {full_scale}" for fs, lsb in table.items())
         lines.append(f"  {what}, {unit} per LSB: {each}")
     thermometer = profile.thermometer
-    register = "not known" if thermometer is None else f"{thermometer.lsb_per_c:.6g} LSB per degC, 0 at {thermometer.at_zero_c:.5g} degC"
+    register = "not known" if thermometer is None else f"{thermometer.lsb_per_c:.5g} LSB per degC, 0 at {thermometer.at_zero_c:.5g} degC"
     lines.append(f"  temperature register: {register}")
-    lines.append(f"  these are from: {profile.units}")
+    lines.append(f"  source: {profile.units}")
     lines.append(f"  data rates: {_rates(profile)}")
     for name, figure in profile.figures.items():
         called, unit = FIGURES[name]
@@ -68,21 +77,18 @@ def _lines(profile: Profile) -> list[str]:
         lines.append(f"  works from {profile.works_c[0]:g} to {profile.works_c[1]:g} degC")
     missing = [called for name, (called, _) in FIGURES.items() if profile.yardstick(name) is None]
     if missing:
-        lines.append(f"  not held against anything: {'; '.join(missing)}")
+        lines.append(f"  no figure of: {'; '.join(missing)}")
     return lines
 
 
 def _value(figure: Figure, unit: str) -> str:
-    return f"{figure.value:g} {unit}" if figure.read else f"[{figure.value:g} {unit}]"
-
-
-def _ranges(table: object) -> str:
-    return "±" + ", ".join(f"{fs:g}" for fs in table) if isinstance(table, dict) else "any"
+    text = f"{figure.value:g} {unit}".strip()
+    return text if figure.read else f"[{text}]"
 
 
 def _rates(profile: Profile) -> str:
     listed = [", ".join(f"{rate:g}" for rate in profile.odr_hz)] if profile.odr_hz else []
-    listed += [f"{base_hz:g}" + (f" / 1…{most}" if most > 1 else "") for base_hz, most in profile.divided]
+    listed += [f"{base_hz:g}" + (f" / 1 to {most}" if most > 1 else "") for base_hz, most in profile.divided]
     return f"{', '.join(listed)} Hz" if listed else "data rates not known"
 
 

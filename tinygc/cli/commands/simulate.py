@@ -12,7 +12,7 @@ from session.base.options import changed, folder_written, given, option, part
 from session.base.texts import command_line
 from tinygc.cli.arguments import effect_parameters
 from tinygc.cli.options import Command, Force, UsesEffects
-from tinygc.cli.results import output, print_commands, write_json
+from tinygc.cli.results import output, write_json
 from tinygc.simulation.options import SimulationOptions
 
 
@@ -50,7 +50,7 @@ def run(args: Options) -> int:
     folder = simulate(options, effects=effects).save(args.out, force=args.force)
     hides = f", hides {', '.join(effects)}" if effects else ""
     output(args).print(f"{folder}: {options.segments} turns simulated{hides}; the truth is in truth.json")
-    print_commands(args, "next:", command_line("fit", folder))
+    output(args).print(f"next: {command_line('fit', folder)}")
     more = {"effects": effects} if effects else {}
     write_json(args.json, {"schema": "tinygc-simulate/1", "folder": str(folder), "options": chosen} | more)
     return 0

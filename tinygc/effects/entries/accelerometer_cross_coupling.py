@@ -22,8 +22,8 @@ EFFECT = Effect(
     columns=nothing(6),
     bends=_bends,
     describe=lambda theta: (
-        f"the accelerometer's {axis_of(theta)} axis reads {abs(largest(theta)) / MG:.2f} mg per g² of its force times another axis's: "
-        "take it off, or trust its tilt to that size"
+        f"the accelerometer's {axis_of(theta)} axis reads {abs(largest(theta)) / MG:.2f} mg per g² across axes: "
+        "correct the product of two axes, or trust its tilt to that size"
     ),
     discriminating_motion="rest it on edges, between two axes, both ways up: the product is greatest there and zero on each face",
     conditions=("attitude", "g"),

@@ -14,8 +14,8 @@ EFFECT = Effect(
     columns=nothing(3),
     bends=lambda movement: diagonal(movement.force_g**2),
     describe=lambda theta: (
-        f"the accelerometer bends with the square of the force, {abs(largest(theta)) / MG:.2f} mg per g² on {axis_of(theta)}: "
-        "take K2 off, or trust its tilt to that size"
+        f"the accelerometer bends by {abs(largest(theta)) / MG:.2f} mg per g² on {axis_of(theta)}: "
+        "correct K2, or trust its tilt to that size"
     ),
     discriminating_motion="hold each axis up, down, level and at 45°: a zero error is the same in all of them, K2 f² is not",
     conditions=("attitude", "g"),

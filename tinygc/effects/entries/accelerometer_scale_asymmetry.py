@@ -16,7 +16,7 @@ EFFECT = Effect(
     columns=nothing(3),
     bends=lambda movement: diagonal(np.abs(movement.force_g) * G),
     describe=lambda theta: (
-        f"the accelerometer's sensitivity differs by {2 * abs(largest(theta)) / PPM:.0f} ppm between up and down on {axis_of(theta)}: "
+        f"the accelerometer's up and down differ by {2 * abs(largest(theta)) / PPM:.0f} ppm on {axis_of(theta)}: "
         "keep one sensitivity for each sign"
     ),
     discriminating_motion="hold each axis up, down and half-way: |f| bends at zero alone, f² all along",

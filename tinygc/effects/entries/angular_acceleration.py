@@ -10,8 +10,8 @@ EFFECT = Effect(
     observable_in=("turn",),
     columns=lambda movement: full(movement.acceleration),
     describe=lambda theta: (
-        f"the output follows angular acceleration by up to {abs(largest(theta)) * 1e3:.1f} ms, across axes too: "
-        "keep dω/dt in the model, or turn more gently"
+        f"the output follows angular acceleration by up to {abs(largest(theta)) * 1e3:.1f} ms: "
+        "keep dω/dt of all axes in the model, or turn more gently"
     ),
     discriminating_motion="turn about one axis at a time, with sharp starts and stops",
     reach=NEIGHBOURS,

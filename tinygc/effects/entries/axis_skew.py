@@ -29,7 +29,7 @@ _BODY = Effect(
     exact_correct=lambda measured, movement, theta: _shifted(measured, movement, theta),
     exact_distort=lambda movement, theta: _shifted(movement.rate, movement, -theta),
     describe=lambda theta: (
-        f"the axes are sampled at different instants, {axis_of(theta)} {1e3 * abs(largest(theta)):.1f} ms after the first: "
+        f"the axes are sampled apart, {axis_of(theta)} {1e3 * abs(largest(theta)):.1f} ms after the first: "
         "read all axes in one burst, or shift them back"
     ),
     discriminating_motion=(

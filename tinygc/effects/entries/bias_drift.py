@@ -10,8 +10,8 @@ EFFECT = Effect(
     observable_in=("still", "turn"),
     columns=lambda movement: diagonal(movement.t_s / movement.duration_s),
     describe=lambda theta: (
-        f"the gyro's zero-rate offset "
-        f"drifts by {abs(largest(theta)) / DEG:.3f} dps on {axis_of(theta)} over the session: take the bias afresh before each use"
+        f"the gyro's zero drifts by {abs(largest(theta)) / DEG:.3f} dps on {axis_of(theta)} over the session: "
+        "take the bias afresh before each use"
     ),
     discriminating_motion="let temperature rise and fall within one session: drift goes on, temperature's part comes back",
     inputs=("time",),

@@ -20,7 +20,7 @@ EFFECT = Effect(
     kind="earth",
     columns=nothing(3),
     describe=lambda theta: (
-        f"the stills turn with the Earth, as at a latitude of about {latitude_deg(theta):.0f}°: put site.latitude_deg into session.toml"
+        f"the stills turn with the Earth, as at a latitude of {latitude_deg(theta):.0f}°: put site.latitude_deg into session.toml"
     ),
     discriminating_motion="record stills with each axis up and down and pointing each way",
     conditions=("attitude", "g"),

@@ -11,7 +11,7 @@ EFFECT = Effect(
     columns=lambda movement: diagonal(movement.force_g**2),
     describe=lambda theta: (
         f"the gyro's zero-rate offset "
-        f"moves {abs(largest(theta)) / DEG:.3f} dps per g² on {axis_of(theta)}, with the same sign up and down: "
+        f"moves {abs(largest(theta)) / DEG:.3f} dps per g² on {axis_of(theta)}: "
         "keep the square of the specific force in the model"
     ),
     discriminating_motion="hold each axis up, down and level: g² agrees up and down, g changes sign",

@@ -10,9 +10,9 @@ EFFECT = Effect(
     observable_in=("turn",),
     columns=lambda movement: diagonal(movement.rate * (movement.rate / movement.fs_rps) ** 2),  # a square is quick, a cube is not
     describe=lambda theta: (
-        f"fast turns read {'more' if largest(theta) > 0 else 'less'} than slow ones (cubic, "
+        f"fast turns read {'more' if largest(theta) > 0 else 'less'} (cubic, "
         f"{100 * abs(largest(theta)):.2f} % at full scale "
-        f"on {axis_of(theta)}): keep the cubic, or stay at the rates that were calibrated"
+        f"on {axis_of(theta)}): keep the cubic in the model, or stay at the rates that were calibrated"
     ),
     discriminating_motion="record slow and fast turns about each axis, both ways",
     conditions=("rate", "dps"),

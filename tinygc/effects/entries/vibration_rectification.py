@@ -11,8 +11,8 @@ EFFECT = Effect(
     observable_in=("turn",),
     columns=lambda movement: diagonal(movement.vibration_g2),
     describe=lambda theta: (
-        f"vibration moves the gyro's zero-rate offset by {abs(largest(theta)) / DEG:.2f} dps on {axis_of(theta)} per g² that the "
-        "accelerometer passes (the element feels more): damp the table, or mount the sensor softly"
+        f"vibration moves the gyro's zero by {abs(largest(theta)) / DEG:.2f} dps per g² on {axis_of(theta)}: "
+        "damp the table, or mount the sensor softly (g² as the accelerometer passes it; the element feels more)"
     ),
     discriminating_motion="repeat the same turns with and without the vibration",
     inputs=("vibration",),

@@ -152,9 +152,10 @@ class ArrayShown(Shown):
     def line(self) -> Text:
         """Return the verdict, and what there is evidence for."""
         stated = [each for each in self.statements if each.standing is Standing.FOR and each.figures.get("scope") in OF_ALL | OF_ONE]
-        answer = Answer(
-            self.verdict, "; ".join(each.what for each in stated) or f"{len(self.fit.units)} units, each alone and all together"
-        )
+        units = f"{len(self.fit.units)} units"
+        if self.verdict == "no_mismatch":
+            return one_line(f"OK: nothing beyond the model shows in {units}.", "bold")
+        answer = Answer(self.verdict, "; ".join(each.what for each in stated) or f"{units}, each alone and all together")
         return one_line(answer.headline, "bold")
 
     @property

@@ -30,7 +30,7 @@ from tinygc.explanation.result import to_json as answer_of
 from tinygc.features.challenge.other_effects import MAKERS, bench
 from tinygc.features.challenge.rate_effects import RATE_EFFECTS, Concealment, Scene
 from tinygc.noise.thinned import conditions
-from tinygc.reporting.explanation_screen import in_unit, plain_name
+from tinygc.reporting.explanation_text import in_unit, plain_name
 from tinygc.reporting.facts import Part, Table, screen
 from tinygc.reporting.terminal import Group
 from tinygc.simulation.options import SimulationOptions
@@ -287,9 +287,9 @@ def examine(count: int, seed: int, on: Path | None = None, *, progress: Progress
 
 def page(result: Examination) -> Group:
     """The screen: how many were found, then each that was not; the JSON has all."""
-    t, where = result.totals, "simulated sessions" if result.recording is None else f"copies of {result.recording}"
-    parts: list[Part] = [f"{t[RIGHT]} of {t['hidden']} effects found in {len(result.sessions)} {where}, {t['wrong']} wrong names."]
-    parts.append(f"Of the others {t[LIMIT]} are below the detection limit, {t[MISSED]} were missed.")
+    t, where = result.totals, "simulation" if result.recording is None else f"copies of {result.recording}"
+    parts: list[Part] = [f"{t[RIGHT]} of {t['hidden']} effects found in {where}, {t['wrong']} wrong names."]
+    parts.append(f"Sessions: {len(result.sessions)}. Not found: {t[LIMIT]} below the detection limit, {t[MISSED]} missed.")
     closed = [(each.before_deg, each.after_deg) for each in result.sessions if each.before_deg is not None and each.after_deg is not None]
     if closed:
         before, after = np.median(closed, axis=0)

@@ -27,7 +27,7 @@ from tinygc.features.discovery.search_state import Discovery, Law
 from tinygc.features.discovery.selection import FORM
 from tinygc.library.explanations import Why
 from tinygc.reporting.drawing import Picture
-from tinygc.reporting.explanation_screen import headline, next_line
+from tinygc.reporting.explanation_text import headline, next_line
 from tinygc.reporting.facts import Part
 
 # Save laws as effect files in a folder whose earlier files may have been edited; no edit is ever lost.
@@ -136,7 +136,7 @@ class DiscoveryReport(Why):
     def offers(self, folder: Path) -> list[tuple[str, list[str]]]:
         """What to do next, with the laws in another session."""
         use = command_line("explain", "OTHER", "--effects", folder / "effects")
-        return [(next_line(self.explanation, self.next), [use] if self.beyond.laws else [])]
+        return [(next_line(self.explanation, self.next), [use])] if self.beyond.laws else super().offers(folder)
 
     def parts(self, brief: bool = False) -> list[Part]:
         """Its facts, without what to do next; brief: those of the command's first screen."""

@@ -152,7 +152,7 @@ def discovery_screen(table: dict) -> list[Part]:
             facts.append(f"Held out, {each['segments']} segments: {closure} ({probability(each['p_value'])}).")
         facts += [Text(f"Fits as well: {briefly(each['equation'])}.", "yellow") for each in law["runners_up"][:1]]
         facts += [f"written as {law['file']}"] if law["file"] else []
-    return facts + ([table["why"]] if table["why"] and not laws else [])
+    return facts + ([f"{table['why'][:1].upper()}{table['why'][1:]}."] if table["why"] and not laws else [])
 
 
 def evidence_words(law: dict) -> list[str]:

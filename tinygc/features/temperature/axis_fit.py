@@ -144,7 +144,7 @@ def make_knots(logs: list[RestLog], sweeps: list[Sweep]) -> Knots:
 
 # One axis' zero over temperature: polynomial, lag, hysteresis, and their uncertainties.
 
-# The noise besides the effect of temperature: white, flicker and a random walk, their sizes estimated from the rest log itself.
+# The noise apart from the effect of temperature: white, flicker and a random walk, their sizes estimated from the rest log itself.
 #
 # Sigmas from white noise alone are too small by an order: an hour of rest holds few independent values of a drifting bias.
 
@@ -157,7 +157,7 @@ WIDE = 1e4
 @dataclass(frozen=True, eq=False)
 class _Coloured:
     """sizes (3,) of white (unit/sqrt(Hz), two-sided), flicker (unit) and random walk (unit/sqrt(s)); C (K, K): their total covariance;
-    sigmas (3,) of the sizes, NaN where nobody asked; value: -2 log of the restricted likelihood."""
+    sigmas (3,) of the sizes, NaN where not requested; value: -2 log of the restricted likelihood."""
 
     sizes: np.ndarray
     C: np.ndarray
@@ -251,7 +251,7 @@ def _hysteresis_of(knots: Knots, residual: np.ndarray, C: np.ndarray) -> Hystere
 
 # Model selection: the polynomial's order, and whether there is a lag, by the evidence of each.
 #
-# The noise is estimated about each candidate anew: what one takes for an effect of temperature is a walk to another, and a power pays for
+# The noise is estimated about each candidate again: what one takes for an effect of temperature is a walk to another, and a power pays for
 # itself by its prior, as wide as the zeros scatter.  Of 162 lines all are named a line, and of zeros that walk none is named an effect
 # (benchmarks/temperature.py).
 #
@@ -277,7 +277,7 @@ class Candidate:
 
     @property
     def ids(self) -> frozenset[str]:
-        """What it says of temperature: nothing, its effect, or also a lag."""
+        """What it states of temperature: nothing, its effect, or also a lag."""
         return frozenset(("effect",) * (self.order > 0) + ("lag",) * (self.tau_s != 0))
 
 
@@ -322,7 +322,7 @@ def _best_lag(knots: Knots, y: np.ndarray, L: np.ndarray, lags: np.ndarray, orde
 
 
 def weigh(knots: Knots, y: np.ndarray, V: list[np.ndarray], white: float, orders: tuple[int, ...], lags: np.ndarray) -> list[Candidate]:
-    """Weigh the candidates for knots y (K,), whose scatter is 1: of a lag, the best one beside the highest order."""
+    """Weigh the candidates for knots y (K,), whose scatter is 1: of a lag, the best one with the highest order."""
     most, taus = max(orders), [0.0]
     if len(lags):
         taus.append(_best_lag(knots, y, about(knots, y, V, white, most).factor, lags, most))
@@ -360,7 +360,7 @@ ORDERS = (0, 1, 2, 3, 4, 5)
 @dataclass(frozen=True)
 class Line:
     """slope and sigma, SI per degC, of the straight line that a constant may hide, in the noise that the constant leaves; order of the
-    best polynomial where its evidence is near the constant's, so that it or a walk is there, and which is not told; 0 where none is."""
+    best polynomial where its evidence is near the constant's, so that it or a walk is there, and which is not known; 0 where none is."""
 
     slope: float
     sigma: float
@@ -373,7 +373,7 @@ class AxisFit:
 
     terms (P + 1,) per degC^n; covariance (P + 2, P + 2) of terms and tau_s, whose row is zero without a lag; folds: ``sweeps`` or
     ``stretches``; held_out: rms error of predicting folds that are left out, the model's remaining uncertainty; held_out_constant: of a
-    constant; left: rms of the fit's residuals; p_value: probability that temperature does nothing; noise: besides it; hysteresis: of the
+    constant; left: rms of the fit's residuals; p_value: probability that temperature does nothing; noise: apart from it; hysteresis: of the
     polynomial alone, and with the lag (None: the temperature changed in one direction only); turn_on: scatter of the logs' zeros, NaN of
     one log; line: of a constant over a range.
     """

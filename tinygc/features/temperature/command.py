@@ -36,7 +36,7 @@ def run(args: Options) -> int:
         result = fit_temperature(args.folders, progress=progress, **values(args, ThermalOptions))
     save_thermal(result, folder)
     output(args).print(temperature_report(result))
-    output(args).print(f"model: {folder / MODEL}")
+    output(args).print(f"written: {folder / MODEL}")
     write_json(args.json, to_json(result))
     return 0
 

@@ -52,7 +52,7 @@ class RestOptions(Record):
         rare=True,
     )
     hysteresis_dps: float = option(0.0, "between the way up and the way down", unit="dps", least=-1e4, most=1e4, group=GROUP, cli=False)
-    random_walk_dps_rts: float = option(0.0, "how the zero wanders besides", unit="dps/sqrt(s)", least=0, most=100, group=GROUP, cli=False)
+    random_walk_dps_rts: float = option(0.0, "how the zero wanders as well", unit="dps/sqrt(s)", least=0, most=100, group=GROUP, cli=False)
     noise_per_c: float = option(0.0, "how the white noise grows with temperature", unit="1/degC", group=GROUP, cli=False)
     knocks: int = option(0, "blows of a tenth of a second", least=0, most=100000, group=GROUP, cli=False)
 

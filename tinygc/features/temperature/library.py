@@ -60,7 +60,7 @@ def fit_temperature(folders: Path | str | Sequence[Path | str], *, progress: Pro
     rest_paths = [path for folder in paths for path in log_paths(folder, "rest")]
     turning = [folder for folder in paths if log_paths(folder, "log")]
     if not rest_paths and not turning:
-        raise FormatError(f"{paths[0]}: neither a rest log nor a log; expected rest*.csv or log*.csv beside session.toml")
+        raise FormatError(f"{paths[0]}: neither a rest log nor a log; expected rest*.csv or log*.csv next to session.toml")
     refuse_same([*rest_paths, *(path for folder in turning for path in log_paths(folder, "log"))])
     begins = {path: "" if len(paths) == 1 else f"{printable(path.parent.resolve().name)}/" for path in rest_paths}
     hashes = {f"{begins[path]}{file_key(path)}": sha256_of(path) for path in rest_paths}

@@ -98,7 +98,7 @@ class ThermalModel(Model):
 
     @property
     def conditions(self) -> tuple[str, ...]:
-        """The model's input besides the rate: temperature."""
+        """The model's input other than the rate: temperature."""
         return ("temperature",)
 
     def within(self, temp_c: np.ndarray) -> np.ndarray:

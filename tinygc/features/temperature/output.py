@@ -11,7 +11,7 @@ from session import VERSION
 from session.base.files import result_folder
 from session.base.numeric import sigmas_in
 from session.base.records import write_whole
-from session.base.texts import measured
+from session.base.texts import fixed, measured, probability, significant
 from session.base.units import DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, MDPS, MG
 from tinygc import models
 from tinygc.features.temperature.axis_fit import AxisFit, Hysteresis
@@ -93,7 +93,7 @@ def _scale(fit: ThermalFit) -> Panel:
     return panel
 
 
-# The terminal report of a fit over temperature, as rich renderables; nothing is printed here.
+# The terminal report of a fit over temperature; nothing is printed here.
 
 #: sigmas above which a hysteresis is reported
 SEEN = 3.0
@@ -106,53 +106,75 @@ def order_word(order: int) -> str:
 
 
 def temperature_report(fit: ThermalFit) -> Group:
-    """Return the effect of temperature on each axis, the residuals, and the noise."""
-    low, high = fit.model.range_c
-    said = []
-    if fit.rests is not None:
-        hours = sum(log.duration_s for log in fit.rests.logs) / 3600
-        up, down = (sum(sweep.direction == way for sweep in fit.rests.sweeps) for way in (1, -1))
-        coldest, warmest = fit.rests.range_c
-        range_c = f"{coldest:.1f} to {warmest:.1f} °C, {up} times up and {down} times down" if np.isfinite(coldest) else "no temperature"
-        said.append(f"{len(fit.rests.logs)} rest log{'s' * (len(fit.rests.logs) != 1)}, {hours:.2f} h, {range_c}")
-    if fit.sessions is not None:
-        count = len(fit.sessions.points)
-        said.append(f"{count} session{'s' * (count != 1)} with turns; model from {low:.1f} to {high:.1f} °C")
-    parts: list[Part] = [one_line(f"{fit.name}: {'; '.join(said)}", "bold")]
+    """How far the zero and the scale follow temperature, and what the model leaves."""
+    parts: list[Part] = [one_line(answer(fit), "bold"), one_line(_inputs(fit))]
     if fit.rests is not None:
         problems = [finding for finding in fit.rests.findings if finding.level != "ok"]
         parts += [finding_lines(problems)] if problems else []
-        parts += [_axes(fit.rests, "gyro"), _noise(fit.rests), _axes(fit.rests, "accel")]
+        parts.append(_axes(fit.rests, "gyro"))
+        parts += [_axes(fit.rests, "accel")] if any(axis.order for axis in fit.rests.accel) else []
     if fit.sessions is not None:
         rows = []
         for point in fit.sessions.points:
-            zero, there = point.values[BIAS], fit.sessions.model.zero(np.full((1, 3), point.temp_c))[0]
+            off = point.values[BIAS] - fit.sessions.model.zero(np.full((1, 3), point.temp_c))[0]
             at_c = f"{point.temp_c:.1f} ({point.low_c:.1f} to {point.high_c:.1f})"
-            off = ", ".join(f"{value / MDPS:+.2f}" for value in zero - there)
-            rows.append([point.name, point.segments, at_c, ", ".join(f"{value / DEG:+.4f}" for value in zero), off])
-        parts.append(Table("Sessions", ("session", "segments", "°C", "zero, dps (x, y, z)", "less the model, mdps"), rows))
+            rows.append([point.name, point.segments, at_c, *(fixed(value / MDPS, 2) for value in off)])
+        parts.append(Table("Sessions: zero less the model, mdps", ("", "turns", "°C", "x", "y", "z"), rows))
         parts.append(_over_temperature(fit))
     return screen([*parts, *remarks(fit)])
 
 
+def answer(fit: ThermalFit) -> str:
+    """What the model leaves of the zero, held out; of sessions alone, whether the scale follows temperature."""
+    low, high = fit.model.range_c
+    if fit.rests is None:
+        assert fit.sessions is not None
+        return _scale_line(fit.sessions)
+    left, before = (max(getattr(axis, name) for axis in fit.rests.gyro) / MDPS for name in ("held_out", "held_out_constant"))
+    begin = f"Zero from {low:.0f} to {high:.0f} °C"
+    if not any(axis.order for axis in fit.rests.gyro):
+        return f"{begin}: no effect of temperature found."
+    if not np.isfinite(left):
+        return f"{begin}: model made, its error not known (one sweep)."
+    return f"{begin}: {significant(left, 2)} of {significant(before, 2)} mdps rms left (held out)."
+
+
+def _scale_line(found: SessionsFit) -> str:
+    cold, warm = (way(point.temp_c for point in found.points) for way in (min, max))
+    if warm - cold <= APART_C:
+        return f"Scale is that of {cold:.0f} °C everywhere: add sessions at other temperatures."
+    order, p = len(found.model.E_terms) - 1, probability(found.p_constant)
+    what = f"follows temperature ({order_word(order)}, {p})" if order else f"does not follow temperature ({p})"
+    return f"Scale from {cold:.0f} to {warm:.0f} °C: {what}."
+
+
+def _inputs(fit: ThermalFit) -> str:
+    """``day1: 1 rest log, 2.00 h, 2 times up and 2 down; 1 session with turns``."""
+    found = []
+    if fit.rests is not None:
+        hours = sum(log.duration_s for log in fit.rests.logs) / 3600
+        up, down = (sum(sweep.direction == way for sweep in fit.rests.sweeps) for way in (1, -1))
+        found.append(f"{len(fit.rests.logs)} rest log{'s' * (len(fit.rests.logs) != 1)}, {hours:.2f} h, {up} times up and {down} down")
+    if fit.sessions is not None:
+        count = len(fit.sessions.points)
+        found.append(f"{count} session{'s' * (count != 1)} with turns")
+    return f"{fit.name}: {'; '.join(found)}"
+
+
 def _over_temperature(fit: ThermalFit) -> Table:
-    """Return scale factors and zeros at five temperatures, with their sigmas."""
+    """Scale factors and zeros at five temperatures."""
     rows = []
     for temp_c in np.linspace(*fit.model.range_c, 5):
-        sigma_E, sigma_zero = fit.sigma_at(float(temp_c))
-        too_far, zero = scale_factor_errors(fit.model.E(np.array([temp_c]))[0]), fit.model.zero(np.full((1, 3), temp_c))[0]
-        scale = "  ".join(measured(1e6 * too_far[i], 1e6 * sigma_E[i, i]) for i in range(3))
-        rows.append([f"{temp_c:.1f}", scale, "  ".join(measured(zero[i] / DEG, sigma_zero[i] / DEG) for i in range(3))])
-    said = "± one sigma of the fit; the remaining uncertainty of the rest logs comes on top of the zero"
-    return Table("Over temperature", ("°C", "scale factor error, ppm (x, y, z)", "zero, dps (x, y, z)"), rows, said)
+        off, zero = scale_factor_errors(fit.model.E(np.array([temp_c]))[0]), fit.model.zero(np.full((1, 3), temp_c))[0]
+        rows.append([f"{temp_c:.1f}", *(fixed(1e6 * each, 0) for each in off), *(fixed(each / DEG, 4) for each in zero)])
+    header = ("°C", "scale x, ppm", "y", "z", "zero x, dps", "y", "z")
+    return Table("Model over temperature", header, rows)
 
 
 def _axes(rests: RestFit, kind: str) -> Table:
     fits: tuple[AxisFit, ...] = getattr(rests, kind)
-    unit, word = (DEG, "dps") if kind == "gyro" else (MG, "mg")
-    title = "Zero over temperature" if kind == "gyro" else "Accelerometer at rest over temperature, zero and scale in one"
-    at = f"at {rests.knots.reference_c:g} °C, {word}"
-    header = ("axis", "model", at, f"slope there, {word}/°C", "lag, s", f"over the range, {word}", "constant", "this model")
+    unit, word = (MDPS, "mdps") if kind == "gyro" else (1e-3 * MG, "µg")
+    header = ("", "model", f"slope at {rests.knots.reference_c:g} °C, {word}/°C", "lag, s", f"constant, {word}", "model")
     rows = []
     for axis, fit in zip("xyz", fits, strict=True):
         slope = (fit.terms[1] / unit, fit.sigma[1] / unit) if fit.order else None
@@ -160,97 +182,59 @@ def _axes(rests: RestFit, kind: str) -> Table:
         if fit.line is not None:
             slope = (fit.line.slope / unit, fit.line.sigma / unit)
             model = f"{order_word(fit.line.order)} or walk" if fit.line.order else model
-        held = [f"{value / unit:.2g}" if np.isfinite(value) else None for value in (fit.held_out_constant, fit.held_out)]
-        lag = (fit.tau_s, fit.sigma[-1]) if fit.tau_s else None
-        rows.append([axis, model, (fit.terms[0] / unit, fit.sigma[0] / unit), slope, lag, _extent(rests, fit) / unit, *held])
+        held = [significant(value / unit, 2) if np.isfinite(value) else None for value in (fit.held_out_constant, fit.held_out)]
+        rows.append([axis, model, slope, (fit.tau_s, fit.sigma[-1]) if fit.tau_s else None, *held])
     by = "sweeps" if fits[0].folds == "sweeps" else "stretches of time"
-    said = f"the last two: rms of what {by} that were left out differ from the prediction, {word}"
-    return Table(title, header, rows, said, left=(0, 1))
-
-
-def _extent(rests: RestFit, fit: AxisFit) -> float:
-    if not fit.order:
-        return abs(fit.line.slope) * float(np.ptp(rests.range_c)) if fit.line is not None and fit.line.order else 0.0
-    at = np.linspace(*rests.range_c, 200) - rests.knots.reference_c
-    return float(np.ptp(np.polynomial.polynomial.polyval(at, fit.terms)))
-
-
-def _noise(rests: RestFit) -> Table:
-    rows = []
-    for each in (_noise_table(rests, axis) for axis in range(3)):
-        most, floor = each["bias_instability_at_most_dph"], each["bias_instability_dph"]
-        limit = f"at most {most:.2g}" if np.isfinite(most) else "not observed"
-        wander = limit if floor is None else (floor, each["bias_instability_std_dph"])
-        over = None if each["rms_per_c"] is None else (100 * each["rms_per_c"], 100 * each["rms_std_per_c"])
-        rows.append([each["axis"], (each["angle_random_walk_deg_rth"], each["angle_random_walk_std_deg_rth"]), wander, over])
-    header = ("axis", "angle random walk, °/√h", "bias instability, °/h", "rms of a reading over temperature, %/°C")
-    return Table("Noise at rest", header, rows)
+    title = f"{'Zero' if kind == 'gyro' else 'Accelerometer'}: last two columns, rms error of left-out {by}"
+    return Table(title, header, rows, left=(0, 1))
 
 
 def remarks(fit: ThermalFit) -> list[str]:
-    """Return remarks on the model, in sentences."""
-    said = _of_rests(fit.rests) if fit.rests is not None else []
+    """Remarks on the model, in sentences."""
+    found = _of_rests(fit.rests) if fit.rests is not None else []
     if fit.sessions is None:
-        said.append("Nothing was turned: E is the identity, and the zero holds what the Earth's rotation adds (up to 4 mdps).")
+        found.append("Nothing was turned: no scale; the zero includes the Earth's rate (up to 4 mdps).")
     else:
-        said += _of_sessions(fit.sessions, fit.rests is not None)
-    return [line for line in said if line]
+        found += _of_sessions(fit.sessions, fit.rests is not None)
+    return [line for line in found if line]
 
 
 def _of_rests(rests: RestFit) -> list[str]:
-    said = [_hysteresis(axis, axis_fit) for axis, axis_fit in zip("xyz", rests.gyro, strict=True)]
-    said += [
-        f"{axis}: {order_word(fit.line.order)} or walk, {measured(fit.line.slope / DEG, fit.line.sigma / DEG)} dps/°C: not told apart, "
-        "and the model takes off neither."
+    found = [_hysteresis(axis, axis_fit) for axis, axis_fit in zip("xyz", rests.gyro, strict=True)]
+    found += [
+        f"{axis}: {order_word(fit.line.order)} or walk, not separable: neither is in the model."
         for axis, fit in zip("xyz", rests.gyro, strict=True)
         if fit.line is not None and fit.line.order
     ]
-    ways = {sweep.direction for sweep in rests.sweeps}
-    if rests.sweeps and len(ways) == 1:
-        said.append(
-            "The temperature went one way only: neither a lag nor a hysteresis can be told, and what time does is not told from what "
-            "temperature does. Let it go back as well."
-        )
+    if rests.sweeps and len({sweep.direction for sweep in rests.sweeps}) == 1:
+        found.append("The temperature went one way only: let it go back, to see lag and hysteresis.")
     spread = [axis_fit.turn_on for axis_fit in rests.gyro]
     if np.isfinite(spread).all():
-        sizes = ", ".join(f"{value / MDPS:.2g}" for value in spread)
-        said.append(f"From log to log the zero changes by {sizes} mdps rms (x, y, z) at the same temperature.")
-    return said
+        found.append(f"Zero from log to log: {', '.join(significant(value / MDPS, 2) for value in spread)} mdps rms (x, y, z).")
+    return found
 
 
-def _of_sessions(found: SessionsFit, with_rests: bool) -> list[str]:
-    said = []
-    order = len(found.model.E_terms) - 1
-    cold, warm = (way(point.temp_c for point in found.points) for way in (min, max))
-    if warm - cold <= APART_C:
-        said.append(f"E is that of {cold:.0f} °C, and is taken to be the same elsewhere: sessions at other temperatures would tell.")
-    elif order == 0:
-        said.append(f"E does not follow temperature as far as these sessions show (p = {found.p_constant:.2g}).")
-    else:
-        said.append(
-            f"E follows temperature ({order_word(order)}); by chance with p = {found.p_constant:.1g}. "
-            "Beyond the sessions it is extrapolated."
-        )
-    if found.widened > 1:
-        said.append(f"E scatters more than its sigmas say (p = {found.p_value:.2g}): they are widened by {np.sqrt(found.widened):.2f}.")
-    if np.isfinite(found.turn_on_rps):
-        said.append(f"From session to session the zero changes by {found.turn_on_rps / MDPS:.2g} mdps beyond noise and temperature.")
-    elif not with_rests and len(found.model.zero_terms) > 1:
-        said.append("What the zero changes from one switch-on to the next is not known here, and may stand in its slope: add rest logs.")
-    return said
+def _of_sessions(sessions: SessionsFit, with_rests: bool) -> list[str]:
+    found = [_scale_line(sessions)] if with_rests else []  # else it is the answer
+    found += ["Beyond the sessions the scale is extrapolated."] if len(sessions.model.E_terms) > 1 else []
+    if sessions.widened > 1:
+        found.append(f"Sigmas of the scale × {np.sqrt(sessions.widened):.2f}, by the scatter of the sessions.")
+    if np.isfinite(sessions.turn_on_rps) and sessions.turn_on_rps > 0:
+        found.append(f"Zero from session to session: {significant(sessions.turn_on_rps / MDPS, 2)} mdps beyond noise and temperature.")
+    elif not with_rests and len(sessions.model.zero_terms) > 1:
+        found.append("The zero's slope may hold changes between switch-ons: add rest logs.")
+    return found
 
 
 def _hysteresis(axis: str, fit: AxisFit) -> str:
     before, after = fit.hysteresis_before, fit.hysteresis_after
     if before is None or after is None:
         return ""
-    differ, left = (f"{measured(abs(size) / DEG, sigma / DEG)} dps" for size, sigma, _ in (before.largest, after.largest))
-    remains = f"held out, {fit.held_out / DEG:.2g} dps rms remain, which is this axis' uncertainty"
+    differ, left = (f"{measured(abs(size) / MDPS, sigma / MDPS)} mdps" for size, sigma, _ in (before.largest, after.largest))
     if fit.tau_s and _seen(before):
-        lag = f"a lag of {measured(fit.tau_s, fit.sigma[-1])} s leaves {left}"
-        return f"{axis}: up and down differ by {differ} at {before.largest[2]:.0f} °C; {lag}; {remains}."
+        return f"{axis}: up and down differ by {differ}; a lag of {fit.tau_s:.0f} s leaves {left}."
     if _seen(after):
-        return f"{axis}: up and down differ by {left} at {after.largest[2]:.0f} °C, and no lag removes it; {remains}."
+        return f"{axis}: up and down differ by {left}, and no lag removes it."
     return ""
 
 

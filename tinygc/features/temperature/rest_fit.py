@@ -19,7 +19,7 @@ from tinygc.features.temperature.axis_fit import ORDERS, AxisFit, Knots, estimat
 from tinygc.features.temperature.sweeps import Sweep, sweeps_of
 from tinygc.inference.noise import where_risen
 
-# A gyroscope's noise from rest logs: its components beside temperature, the Allan deviation of what is left, its change with temperature.
+# A gyroscope's noise from rest logs: its components, the Allan deviation of what temperature leaves, its change with temperature.
 
 #: averaging times per octave; fewest blocks of a piece
 PER_OCTAVE, SHORTEST_PIECE = 2, 4
@@ -46,7 +46,7 @@ class AtRest(NamedTuple):
 
 
 def noise_at_rest(knots: Knots, blocks: np.ndarray, fit: AxisFit) -> AtRest:
-    """Noise of the blocks (B,) about an axis' fit: flicker beside white noise and a random walk, as the fit's own sigmas have it.
+    """Noise of the blocks (B,) about an axis' fit: flicker with white noise and a random walk, as the fit's own sigmas have it.
 
     White noise shows in how the steps between blocks differ, less what the others add to their Hadamard variance.
     """
@@ -60,9 +60,9 @@ def noise_at_rest(knots: Knots, blocks: np.ndarray, fit: AxisFit) -> AtRest:
     sigma = np.hypot(BY_STEPS * square / np.sqrt(len(blocks)), slow[0] * found.sizes[1] * found.sigmas[1]) / max(white, 1e-300)
 
     def rise(size: float) -> float:
-        """Of -2 log L at a given flicker, the others estimated anew."""
-        beside = [V[0], np.zeros_like(V[1]), V[2]]
-        return estimate_noise(y, J, beside, np.sqrt(square), steps + size**2 * V[1]).value - found.value
+        """Of -2 log L at a given flicker, the others estimated again."""
+        scaled = [V[0], np.zeros_like(V[1]), V[2]]
+        return estimate_noise(y, J, scaled, np.sqrt(square), steps + size**2 * V[1]).value - found.value
 
     size, most = found.sizes[1], np.nan
     if not size > SEEN_SIGMAS * found.sigmas[1]:
@@ -150,14 +150,14 @@ def fit_rests(
     """Fit one sensor's rest logs together.  Raises DataError for a log that is not a rest log, or where only some have temperatures."""
     findings = [finding for log in logs for finding in check_rest(log)]
     stop_at_errors(findings)
-    told = {log.has_temperature for log in logs}
-    if len(told) > 1:
+    with_temperature = {log.has_temperature for log in logs}
+    if len(with_temperature) > 1:
         without = next(log for log in logs if not log.has_temperature)
         raise DataError(f"{without.path.name} has no temperature, and other rest logs have; leave it out, or give it the column")
     out = [knocked(log) for log in logs]
     kept = [log.pick(~mask) for log, mask in zip(logs, out, strict=True)]
     sweeps = [sweep for index, log in enumerate(kept) for sweep in sweeps_of(log.temp_c, index)]
-    if told == {False}:
+    if with_temperature == {False}:
         orders = (0,)
     knots = make_knots(kept, sweeps)
     axes: dict[str, list[AxisFit]] = {"gyro": [], "accel": []}

@@ -117,7 +117,7 @@ def write_rest(options: RestOptions, session: SimulationOptions, folder: Path, f
         given += f" --unit-seed {session.unit_seed}"
     log, knock_s = simulate_rest(options, session, session.seed)
     truth = {"schema": TRUTH_SCHEMA, "effects": {}, "rest": asdict(options) | {"knock_s": knock_s.tolist()}}
-    head = f"{SIMULATED}, not recorded: calibrate.py simulate {given} and what truth.json holds besides\n"
+    head = f"{SIMULATED}, not recorded: calibrate.py simulate {given} and what truth.json has\n"
     with folder_whole(folder, earlier_in(folder)) as work:
         write_new(work / CONFIG, head + toml_text(config_of(session, unit, calibrated=False)))
         write_log(work / REST, session, session.odr_hz, log)

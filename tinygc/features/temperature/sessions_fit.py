@@ -227,7 +227,7 @@ def join(points: Sequence[_SessionPoint], rests: RestFit | None, most_order: int
 
 
 def _turn_on(left: np.ndarray, base: np.ndarray, free: np.ndarray) -> float:
-    """Scatter of zeros (n,) beyond their covariance, all axes together, by restricted maximum likelihood, beside columns (n, p); 0 where
+    """Scatter of zeros (n,) beyond their covariance, all axes together, by restricted maximum likelihood, with columns (n, p); 0 where
     none is needed."""
     unit, rows = float(np.sqrt(base.diagonal().mean())), len(left)
     wide = WIDE * max(float(np.std(left)), unit) / unit * free / np.abs(free).max(axis=0)

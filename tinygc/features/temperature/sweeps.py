@@ -66,7 +66,7 @@ def _turning_points(values: np.ndarray, least: float) -> list[int]:
 
 # The temperature between the steps of a thermometer, and how uncertain it is there.
 #
-# A reading in steps of q tells a slow temperature well in the moments in which it passes the middle between two steps, and to q else.  Read
+# A reading in steps of q shows a slow temperature well in the moments in which it passes the middle between two steps, and to q else.  Read
 # as it stands it is off by a saw tooth, which a fit takes for noise of the zero and for its walk.  So it is interpolated between those
 # moments.  What is left is an error of the regressor, of Berkson's kind, because the temperature scatters about the reading and not the
 # reading about the temperature: it bends no slope.  It adds its variance times the slope's square to the zero's.
@@ -104,23 +104,23 @@ def between_steps(t: np.ndarray, temp_c: np.ndarray, grid: Grid) -> BetweenSteps
     if not len(at):
         return BetweenSteps(temp_c, step * sigma[interval], interval)
     mean = np.bincount(interval, reading) / np.bincount(interval)
-    # Rate of each interval, and level of the passage that it lies beside; neither end has a rate of its own.
+    # Rate of each interval, and level of the passage that it lies next to; neither end has a rate of its own.
     rate = np.concatenate([[np.nan], np.diff(level) / np.diff(at), [np.nan]])
-    edges, beside = np.concatenate([t[:1], at, t[-1:]]), np.append(level, level[-1])
+    edges, levels = np.concatenate([t[:1], at, t[-1:]]), np.append(level, level[-1])
     nodes, values = [*at], [*level]
     for i, (began, ended) in enumerate(pairwise(edges.tolist())):
         near = np.array([r for r in rate[max(i - 1, 0) : i + 2 : 2 if i else 1] if np.isfinite(r)])
         if rate[i] and np.isfinite(rate[i]):
             sigma[i] = min(UNIFORM, BENT * np.abs(near - rate[i]).sum() * (ended - began))
             continue
-        # At either end, and where it turns, it goes on as it goes beside: at an end that far, in a turn half of a parabola's way, and no
+        # At either end, and where it turns, it goes on as next to it: at an end that far, in a turn half of a parabola's way, and no
         # further than the readings let it.
         is_end = i in (0, len(at))
         way = np.abs(near[near != 0]).mean() * (ended - began) if near.any() else np.inf
         reach, most = (way, 1.0) if is_end else (way / 4, 0.5)
         sigma[i] = UNIFORM * min(reach, 1.0)
         nodes.append((began if i == 0 else ended) if is_end else (began + ended) / 2)
-        values.append(beside[i] + np.sign(mean[i] - beside[i]) * (reach if reach < most else 0.5))
+        values.append(levels[i] + np.sign(mean[i] - levels[i]) * (reach if reach < most else 0.5))
     from scipy.interpolate import PchipInterpolator
 
     order = np.argsort(nodes)

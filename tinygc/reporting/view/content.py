@@ -15,6 +15,7 @@ from session.base.texts import printable
 from session.base.units import DEG, NS
 from session.detect.check_references import with_own_accelerometer
 from session.detect.check_samples import with_bridges
+from session.detect.first_look import CHANGED
 from session.detect.segments import LogSegments, Segment, moments_of, moved_at, session_segments
 from session.detect.stills import SessionStills, still_at
 from session.log.config import LeftOut, StillByHand, read_config
@@ -62,7 +63,7 @@ class Closure:
         tilts = (np.linalg.norm(angles[:, :2], axis=1) / DEG for angles in (raw, held_out))
         turns = {_ends(segment): Turn(*map(float, each)) for segment, *each in zip(problem.used, *tilts, strict=True)}
         raw_deg, after_deg, floor_deg = (float(each / DEG) for each in (tilt_rms(raw), tilt_rms(held_out), problem.floor.tilt_rms))
-        return cls(turns, raw_deg, after_deg, floor_deg, problem, tuple(finding.line for finding in result.warnings))
+        return cls(turns, raw_deg, after_deg, floor_deg, problem, tuple(each.line for each in result.warnings if each.what != CHANGED))
 
     @property
     def figures(self) -> dict[str, float]:

@@ -31,14 +31,13 @@ export function drawSphere(up, now) {
     const front = seen(vector)[2] > 0;
     disc(context, at(vector), 4.5, front ? colour("now") : colour("ground"), colour("now"));
   }
+  const [x, y] = now ? at(now) : [0, 0];
+  for (const [style, wide] of now ? [[colour("ground"), 6], [colour("ink"), 2.5]] : []) {
+    line(context, [[x - 9, y], [x + 9, y]], style, wide);
+    line(context, [[x, y - 9], [x, y + 9]], style, wide);
+  }
   for (const [name, face] of Object.entries(FACES)) {
     const there = filled.includes(name);
     word(context, there ? `${name} ✓` : name, at(times(face, 1.2)), colour(there ? "good" : "ink"), 14);
-  }
-  if (!now) return;
-  const [x, y] = at(now);
-  for (const [style, wide] of [[colour("ground"), 6], [colour("ink"), 2.5]]) {
-    line(context, [[x - 9, y], [x + 9, y]], style, wide);
-    line(context, [[x, y - 9], [x, y + 9]], style, wide);
   }
 }

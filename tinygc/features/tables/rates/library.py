@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
@@ -35,9 +36,7 @@ from tinygc.reporting.terminal import Group, one_line
 def headline(choice: Choice) -> str:
     """Which sensor, and what its points follow."""
     found, points = choice.fit, choice.points
-    curves = f" on {len(points.curves)} curves" if len(points.curves) > 1 else ""
-    rms = f"{significant(found.rms)} {points.unit} rms"
-    return f"{printable(points.sensor)}: {len(points)} points{curves}: {law_words(choice)}; it leaves {rms}"
+    return f"{printable(points.sensor)}: {law_words(choice)}; it leaves {significant(found.rms)} {points.unit} rms"
 
 
 def law_words(choice: Choice) -> str:
@@ -49,8 +48,7 @@ def law_words(choice: Choice) -> str:
 def lines(choice: Choice) -> list[str]:
     """What stands between headline and terms: the equation, its numbers, chance and rivals."""
     found, points = choice.fit, choice.points
-    skip = len(found.offsets) if len(found.offsets) > 1 else 0
-    reported = [found.hypothesis.equation, ", ".join(map(_number, found.numbers[skip:]))]
+    reported = law_lines(choice)
     if choice.is_line:
         reported.append(f"no departure from a straight line beyond chance ({probability(choice.p_value)})")
     else:
@@ -83,6 +81,13 @@ def lines(choice: Choice) -> list[str]:
     if choice.curve is not None:
         reported.append("the figures of a range are of a smooth curve through these points, whatever the law is called")
     return reported
+
+
+def law_lines(choice: Choice) -> list[str]:
+    """The equation, and its numbers."""
+    found = choice.fit
+    skip = len(found.offsets) if len(found.offsets) > 1 else 0
+    return [found.hypothesis.equation, ", ".join(map(_number, found.numbers[skip:]))]
 
 
 def cells(row: TermRow) -> tuple[str, str]:
@@ -129,14 +134,19 @@ def curve_words(curve: str) -> str:
 DRAWN = 401
 
 
+def _terms_table(rows: Sequence[TermRow]) -> Table:
+    cells_of = [[row.name, *cells(row), row.unit, row.condition] for row in rows]
+    return Table("", ("", "value", "± σ", "unit", "condition"), cells_of, left=(0, 3, 4), minor=(4,))
+
+
 def _sensor(choice: Choice) -> list[Part]:
-    rows = [[row.name, *cells(row), row.unit, row.condition] for row in terms(choice)]
     parts: list[Part] = [
         one_line(headline(choice), "bold"),
         *lines(choice),
-        Table("", ("", "value", "± σ", "unit", "condition"), rows, left=(0, 3, 4)),
+        _terms_table(terms(choice)),
+        _output(choice),
+        _residuals(choice),
     ]
-    parts += [_output(choice), _residuals(choice)]
     if choice.held_out:
         # Rms that each law leaves on a curve that it was not fitted to, whose offset alone is free
         first = f"left on the curve that was not fitted, {choice.points.unit} rms (beyond its rates)"
@@ -234,8 +244,12 @@ class Rates(Kept):
     @property
     def page(self) -> Group:
         """The command's output, as a rich renderable."""
-        parts = [part for _, _, reported in self._chapters for part in (*reported, "")]
-        return screen([*parts[:-1], *self.remarks])
+        parts: list[Part] = []
+        for choice in self.choices:
+            known = [row for row in terms(choice) if row.value is not None or row.at_most is not None]
+            parts += [one_line(headline(choice), "bold"), *law_lines(choice), _terms_table(known), ""]
+        parts += [part for sweep in self.sweeps for part in (*_sweep(sweep), "")]
+        return screen(parts[:-1])
 
     def to_json(self) -> dict:
         """``tinygc-rates/1`` (docs/formats/tables.md)."""

@@ -75,7 +75,7 @@ def terms(choice: Choice) -> list[TermRow]:
         _row("offset", "output at rest", averaged(choice, lambda law: law.offset), unit, _curves_words(points)),
         _row(
             "offset_rate",
-            "… as a rate",
+            "output at rest, as a rate",
             averaged(choice, lambda law: law.offset / best_line(law, within)[0]),
             "°/s",
             _curves_words(points),
@@ -325,7 +325,7 @@ def _over_all(choice: Choice, within: Range) -> list[TermRow]:
     if not _bends(choice.fit) or left_open(choice.fit) or (tested.low, tested.high) == (within.low, within.high):
         return []
     full = abs(best_line(choice.curve or choice.fit, tested)[0]) * float(np.abs(rates).max())
-    name, condition = "… over all rates tested", f"of {significant(full)} {choice.points.unit}, {tested.words}"
+    name, condition = "nonlinearity over all rates", f"of {significant(full)} {choice.points.unit}, {tested.words}"
     return [_row("nonlinearity_tested", name, averaged(choice, lambda law: 1e6 * best_line(law, tested)[1] / full), "ppm", condition)]
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from tinygc.explanation.reported import ReportData
-from tinygc.reporting.explanation_text import explanation_facts
+from tinygc.explanation.result import what_next
+from tinygc.reporting.explanation_text import explanation_facts, next_line
 from tinygc.reporting.facts import html
 from tinygc.reporting.html.markup import Section
 from tinygc.reporting.pictures.in_stills import in_time
@@ -28,4 +29,8 @@ def section(evidence: ReportData) -> Section | None:
     panels += [*(() if e.shown is None else e.shown.panels), *([proof_panel(e)] if e.proof.changed else [])]
     tried = sorted({effect.id for effect in candidates(e.twin)} - {claim.effect.id for claim in e.claimed})
     said = f"tried, and not found: {', '.join(tried)}" + ("" if not e.gravity else f"; looked for in the registers as well: {IN_REGISTERS}")
-    return Section("explain", "Why recording and simulation differ", html([*explanation_facts(e, panels), Text(said, "dim")]))
+    return Section(
+        "explain",
+        "Why recording and simulation differ",
+        html([*explanation_facts(e, panels), next_line(e, what_next(e)), Text(said, "dim")]),
+    )

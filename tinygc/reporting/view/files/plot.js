@@ -258,17 +258,20 @@ function drawClosure(g, panel, letters) {
 }
 
 function drawSegments(g, letters) {
-  const { top, bottom } = frame.strip;
-  let free = 0;
-  g.textAlign = "center";
+  const { top, bottom } = frame.strip, boxes = [];
   for (const each of content.segments.filter(inSight)) {
     const left = Math.max(x_of(each.from_s), frame.left) + 0.5, right = Math.min(x_of(each.to_s), frame.width - frame.right) - 0.5;
-    if (right - left < 0.5) continue;
-    const chosen = isChosen("segment", each.number);
+    if (right > left) boxes.push({ each, left, right, chosen: isChosen("segment", each.number) });
+  }
+  for (const { each, left, right, chosen } of boxes) {
     g.strokeStyle = colour(chosen ? "choice" : "dim");
     g.lineWidth = chosen ? 3 : 1;
-    g.strokeRect(left, top + 2, right - left, bottom - top - 4);
+    if (chosen || right - left > 4) g.strokeRect(left, top + 2, right - left, bottom - top - 4);
     if (each.problem) hatch(g, left, top + 2, right - left, bottom - top - 4, colour("bad"));
+  }
+  let free = 0;
+  g.textAlign = "center";
+  for (const { each, left, right } of boxes) {
     const text = `${each.problem ? "×" : ""}${each.number}`, middle = (left + right) / 2, half = g.measureText(text).width / 2 + 3;
     if (middle - half < free || (half > (right - left) / 2 && each.number % 5)) continue;
     free = middle + half;

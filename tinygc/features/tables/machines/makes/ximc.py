@@ -23,7 +23,7 @@ from session.bench.clocks import Clock
 from tinygc.features.tables.machines.description import Description
 from tinygc.features.tables.machines.verbs import Table, TableFault, Where
 
-TITLE = "rotary stages on 8SMC controllers (libximc), a controller for each axis"
+TITLE = "8SMC controllers (libximc), a controller an axis"
 #: s within which a controller begins to home; until then its word is of the command before
 TAKEN_UP_S = 2.0
 #: what libximc raises

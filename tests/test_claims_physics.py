@@ -456,7 +456,7 @@ def test_what_belongs_to_one_recording_or_unit_is_not_taken_to_another_and_a_con
     assert of("confirmed", "contradicted") == "contradicted"
     assert of("no power", "confirmed", "not confirmed") == "confirmed"
     assert set(OUTCOMES) <= KINDS.keys()
-    assert "nothing is named" in as_text(Group(*checked_page([Checked(None, True)])))
+    assert "no effect to check" in as_text(Group(*checked_page([Checked(None, True)])))
 
 
 def test_a_number_that_no_segment_observes_has_none_beside_physics_either():

@@ -69,7 +69,7 @@ REFERENCE = {
     "twin": "(problem) -> Twin of it: its rows, and its own errors, which compete with the sensor's",
     "components": "(twin, sizes of its channels) -> variance components of the reference's errors",
     "repaired": "(problem) -> RepairedProblem: without what of the reference is wrong",
-    "shown": "(mended, twin, first, fit, noise) -> what it shows besides: beside(claims) -> all claims, rows of words, to_json(), panels",
+    "shown": "(repaired, twin, first, fit, noise) -> what else it shows: all_claims(claims), rows of words, brief lines, to_json(), panels",
     "table": "``truth`` of fit.json",
     "words": "the same in a line for the terminal, or nothing",
 }

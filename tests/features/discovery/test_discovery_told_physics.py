@@ -98,16 +98,16 @@ TOLD = law_of(*ZONE, runners_up=(runner_up(CUBE),), same=(LawForm((Factor("rate"
     [
         (
             found(TOLD, verdict="ambiguous", beside=(DRIFT,)),
-            """Beyond the catalogue: equations were found, and this recording cannot decide between them
-            (41234 forms tried, 10987 of them distinct here)
+            """FOUND: equations were found, and this recording cannot decide between them.
+            41234 forms tried, 10987 of them distinct here
             discovered.dead_zone_rate ω_i += c_i dz(u_i, 0.1)
             0.900 ± 0.018 -0.700 ± 0.014 0.500 ± 0.010
             width: 0.1000 ± 0.0030 of full scale
-            closure 0.2100° before, 0.0131° after, floor 0.0117°; 99.5 % of the excess removed
+            closure 0.2100° -> 0.0131°, noise alone 0.0117°; 99.5 % of the excess removed
             log0002.csv, left out whole (12 segments)
             equivalent in this recording: ω_i += c_i √|u_i|
             alternative: ω_i += c_i u_i³ (worse by 4.2, correlation 0.962)
-            together with it: gyro.bias_drift dps_over_log: 1.20 ± 0.10 0.40 ± 0.10 0.00 ± 0.10
+            together with: gyro.bias_drift dps_over_log: 1.20 ± 0.10 0.40 ± 0.10 0.00 ± 0.10
             from 0.21 of its size on
             a search finds as much with p < 0.001
             next: to separate ω_i += c_i dz(u_i, 0.1) from ω_i += c_i u_i³:""",
@@ -116,7 +116,7 @@ TOLD = law_of(*ZONE, runners_up=(runner_up(CUBE),), same=(LawForm((Factor("rate"
         (found(law_of(*LAWS["matrix"])), "x ← x 0.1000 ± 0.0020\ny ← x 0.0500 ±\nz ← x -0.03000 ±"),
         (
             NOTHING,
-            """Beyond the catalogue: no equation of this grammar
+            """NOTHING FOUND: no equation of this grammar
             promises 812 in −2 log evidence
             chance does in 34 % of such searches
             the specific force from 0.0042, the rate from 0.011; not detectable here: the vibration's energy""",
@@ -163,7 +163,7 @@ def test_what_is_written_is_not_executed_and_an_edited_or_used_file_stays(asked,
     assert written == json.loads((tmp_path / "x.json").read_text(encoding="utf-8"))
     assert "EFFECT = law_effect(" in (tmp_path / written["discovery"]["laws"][0]["file"]).read_text(encoding="utf-8")
     out = capsys.readouterr().out
-    assert out.startswith("FOUND: an equation was found.\ndiscovered.dead_zone_rate: ω_i += c_i dz(u_i, 0.1)\n")
+    assert out.startswith("FOUND: an equation was found.\n\ndiscovered.dead_zone_rate  ω_i += c_i dz(u_i, 0.1)\n")
     introduction, command = out.splitlines()[-2:]
     assert introduction.startswith("next: record a second session")
     assert command == f"  python calibrate.py explain OTHER --effects {effects}"
@@ -228,8 +228,8 @@ def test_the_report_has_a_laws_equation_its_evidence_its_picture_and_how_to_use_
     text = html_of(tmp_path)
     for words in (
         "an equation was found",
-        "(41234 forms tried, 10987 of them distinct here)",
-        "closure 0.2100° before, 0.0131° after, floor 0.0117°; 99.5 % of the excess removed",
+        "41234 forms tried, 10987 of them distinct here",
+        "closure 0.2100° -&gt; 0.0131°, noise alone 0.0117°; 99.5 % of the excess removed",
         "in these equations: clip(x, ±c) = x held within ±c",
         "alternative: ω_i += c_i clip(u_i, ±0.1)",
         "written as effects/x.py",

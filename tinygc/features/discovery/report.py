@@ -22,7 +22,7 @@ from tinygc.explanation.engine import Explanation
 from tinygc.features.discovery.effect_file import Where, written
 from tinygc.features.discovery.law_fits import Pair, is_open, next_of, pairs_of
 from tinygc.features.discovery.pictures import picture_of
-from tinygc.features.discovery.result import discovery_facts, discovery_screen, to_json
+from tinygc.features.discovery.result import discovery_facts, to_json
 from tinygc.features.discovery.search_state import Discovery, Law
 from tinygc.features.discovery.selection import FORM
 from tinygc.library.explanations import Why
@@ -141,8 +141,8 @@ class DiscoveryReport(Why):
     def parts(self, brief: bool = False) -> list[Part]:
         """Its facts, without what to do next; brief: those of the command's first screen."""
         if brief:
-            return [*discovery_screen(self.table["discovery"]), "", "From the catalogue:", *headline(self.explanation)]
-        return [*super().parts(), "", *discovery_facts(self.table["discovery"], None)]
+            return [*discovery_facts(self.table["discovery"], brief=True), "", "From the catalogue:", *headline(self.explanation)]
+        return [*super().parts(), "", *discovery_facts(self.table["discovery"])]
 
     def discovered(self) -> Picture:
         """``discover.svg``, for an answer with laws."""

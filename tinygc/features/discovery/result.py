@@ -115,44 +115,32 @@ def headline(verdict: str, has_rivals: bool) -> tuple[str, str]:
     return HEADLINES[verdict]
 
 
-def discovery_facts(table: dict, following: str | None) -> list[Part]:
-    """Facts of a discovery for terminal and page, from its table; following: what to do next."""
-    words, style = headline(table["verdict"], any(law["runners_up"] for law in table["laws"]))
-    tried = f"   ({table['forms']} forms tried, {table['distinct']} of them distinct here)" if table["forms"] else ""
-    facts: list[Part] = [Text.assemble(("Beyond the catalogue: ", "bold"), (words, style), tried)]
-    for law in table["laws"]:
-        facts += ["", Text.assemble((f"{law['id']}  ", "bold cyan"), law["equation"])]
-        facts += [f"  {line}" for line in (law["in_words"], *number_lines(law), *evidence_words(law))]
-        facts += [Text(f"  {line}", "yellow") for line in open_words(law)]
+def discovery_facts(table: dict, following: str | None = None, brief: bool = False) -> list[Part]:
+    """Facts of a discovery, from its table: the answer, then each law with its numbers, evidence and rivals; brief: for the first screen;
+    following: what to do next."""
+    laws, words_style = table["laws"], headline(table["verdict"], any(law["runners_up"] for law in table["laws"]))
+    facts: list[Part] = [Text(f"{'FOUND' if laws else 'NOTHING FOUND'}: {words_style[0]}.", words_style[1])]
+    for law in laws:
+        equation = briefly(law["equation"]) if brief else law["equation"]
+        facts += ["", Text.assemble((f"{law['id']}  ", "bold cyan"), equation), f"  {law['in_words']}"]
+        evidence = [held_out_words(each) for each in law["held_out"][:1]] if brief else evidence_words(law)
+        facts += [f"  {line}" for line in (*number_lines(law), *evidence)]
+        facts += [Text(f"  {line}", "yellow") for line in open_words(law)[: 1 if brief else None]]
         facts += [f"  written as {law['file']}"] if law["file"] else []
-    if table["laws"]:
-        facts += ["", *([f"in these equations: {short}"] if (short := abbreviated(table)) else [])]
-        which = "it" if len(table["laws"]) == 1 else "them"
-        named = [(each["id"], *parameter_lines(each["parameters"], each["std"])) for each in table["catalogue_effects"]]
-        facts += [f"together with {which}: {'  '.join(each)}" for each in named]
-    elif table["forms"]:
+    if not brief:
+        facts += [""] if laws else []
+        facts += [f"{table['forms']} forms tried, {table['distinct']} of them distinct here"] if table["forms"] else []
+        facts += [f"in these equations: {short}"] if (short := abbreviated(table)) else []
+        named = [(each["id"], *parameter_lines(each["parameters"], each["std"])) for each in table["catalogue_effects"] if laws]
+        facts += [f"together with: {'  '.join(each)}" for each in named]
+    if not brief and not laws and table["forms"]:
         # Effects of an answer without a law come from part of the recording, untested: the explanation above lists its own.
         facts.append(
             f"the best form promises {table['best']:.3g} in −2 log evidence by its linear columns, its description paid; "
             f"in noise alone the best of so many promises more than {table['chance']:.3g} in 1 of 20 searches"
         )
-    facts += [line for line in (table["why"], _learnable(table["learnable"])) if line]
+    facts += [line for line in (table["why"], "" if brief else _learnable(table["learnable"])) if line]
     return [*facts, *([Text.assemble(("next: ", "bold"), following)] if following else [])]
-
-
-def discovery_screen(table: dict) -> list[Part]:
-    """The first screen of a discovery, from its table: the answer, then of each law its numbers, its held-out closure, its rival."""
-    laws = table["laws"]
-    words, style = headline(table["verdict"], any(law["runners_up"] for law in laws))
-    facts: list[Part] = [Text(f"{'FOUND' if laws else 'NOTHING FOUND'}: {words}.", style)]
-    for law in laws:
-        facts += [f"{law['id']}: {briefly(law['equation'])}", law["in_words"], *number_lines(law)]
-        for each in law["held_out"][:1]:
-            closure = f"closure {each['before_deg']:.4f}° -> {each['after_deg']:.4f}°; noise alone leaves {each['floor_deg']:.4f}°"
-            facts.append(f"Held out, {each['segments']} segments: {closure} ({probability(each['p_value'])}).")
-        facts += [Text(f"Fits as well: {briefly(each['equation'])}.", "yellow") for each in law["runners_up"][:1]]
-        facts += [f"written as {law['file']}"] if law["file"] else []
-    return facts + ([f"{table['why'][:1].upper()}{table['why'][1:]}."] if table["why"] and not laws else [])
 
 
 def evidence_words(law: dict) -> list[str]:
@@ -216,7 +204,7 @@ def held_out_words(each: dict) -> str:
     if each["recording"]:
         of = f"{each['recording']}, left out whole ({each['segments']} segments)"
     gone = "" if each["removed"] is None else f"; {100 * each['removed']:.1f} % of the excess removed"
-    closure = f"closure {each['before_deg']:.4f}° before, {each['after_deg']:.4f}° after, floor {each['floor_deg']:.4f}°{gone}"
+    closure = f"closure {each['before_deg']:.4f}° -> {each['after_deg']:.4f}°, noise alone {each['floor_deg']:.4f}°{gone}"
     left = f"; the rest is more than the sensor's own noise ({probability(each['noise_p'])})" if each["noise_p"] < NOISE_P else ""
     return f"{of}: {closure} ({probability(each['p_value'])}){left}"
 

@@ -245,3 +245,35 @@ def test_the_rates_of_the_last_ten_seconds_are_lines_to_scale(browser, server, r
         assert browser.evaluate(HAS % (name, round(width / 2), round(y) - 2)), name
     dashed = [browser.evaluate(HAS % ("bad", 70, y - 2)) for y in (11, height - 11)]
     assert dashed == [most == 500.0] * 2
+
+
+NAMES = """import('./sphere.js').then(({ drawSphere }) => {
+  const boxes = [], c = document.getElementById('sphere'), proto = CanvasRenderingContext2D.prototype, before = proto.fillText;
+  proto.fillText = function (text, x, y) {
+    const half = this.measureText(text).width / 2, high = parseFloat(this.font.match(/[0-9.]+px/)[0]) * 0.45;
+    boxes.push([text, x - half, x + half, y - high, y + high]);
+    before.call(this, text, x, y);
+  };
+  const up = [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]];
+  drawSphere(up, [0, -1, 0]);
+  proto.fillText = before;
+  return [c.clientWidth, c.clientHeight, boxes];
+})"""
+
+
+def test_no_name_on_the_sphere_hides_another_nor_is_cut(browser, server):
+    hand = CoachedHand(server, segments=2)
+    browser.open(server.address, *SIZES[0])
+    hand.until(lambda guide: guide.accepted == 1)
+    for size in [size for size in SIZES if size != (844, 390)]:
+        look(browser, size, dark=False)
+        width, height, boxes = awaited(browser, NAMES)
+        assert sorted(text for text, *_ in boxes) == ["+x✓", "+y✓", "+z✓", "−x✓", "−y✓", "−z✓"]
+        for number, (_, left, right, top, bottom) in enumerate(boxes):
+            assert left > 0, size
+            assert top > 0, size
+            assert right < width, size
+            assert bottom < height, size
+            for _, other_left, other_right, other_top, other_bottom in boxes[:number]:
+                apart = (right < other_left, other_right < left, bottom < other_top, other_bottom < top)
+                assert any(apart), size

@@ -14,7 +14,7 @@ export const facesOf = up => Object.entries(FACES).filter(([, face]) => up.some(
 export function drawSphere(up, now) {
   const { context, width, height } = begin();
   if (!height) return;  // a telephone on its side has no place for it
-  const half = Math.min(width, height) / 2, scale = Math.min(half / 1.375, (half - 14) / 1.2), filled = facesOf(up);
+  const letters = width < 150 ? 12 : 14, aside = 2.9 * letters, scale = Math.min(width / 2 - aside, height / 2 - 1.5 * letters), filled = facesOf(up);
   const at = vector => {
     const [right, high] = seen(vector);
     return [width / 2 + scale * right, height / 2 - scale * high];
@@ -27,17 +27,22 @@ export function drawSphere(up, now) {
       if (front || i % 2) line(context, [at(ring[i]), at(ring[i + 1])], colour("line"), front ? 1.5 : 1);
     }
   }
+  // Names lie around the sphere, each with a line from its side: none hides another, nor a point.
+  for (const [name, face] of Object.entries(FACES)) {
+    const [right, high] = seen(face), far = Math.hypot(right, high), there = filled.includes(name), text = there ? `${name}✓` : name;
+    context.font = `700 ${letters}px system-ui, sans-serif`;
+    const out = scale + 5 + Math.abs(right / far) * context.measureText(text).width / 2 + Math.abs(high / far) * letters / 2;
+    line(context, [at(face), at(times(face, 1 / far))], colour("dim"), 1, [2, 2]);
+    word(context, text, [width / 2 + out * right / far, height / 2 - out * high / far], colour(there ? "good" : "ink"), letters);
+  }
   for (const vector of up) {
     const front = seen(vector)[2] > 0;
     disc(context, at(vector), 4.5, front ? colour("now") : colour("ground"), colour("now"));
   }
-  const [x, y] = now ? at(now) : [0, 0];
-  for (const [style, wide] of now ? [[colour("ground"), 6], [colour("ink"), 2.5]] : []) {
+  if (!now) return;
+  const [x, y] = at(now);
+  for (const [style, wide] of [[colour("ground"), 6], [colour("ink"), 2.5]]) {
     line(context, [[x - 9, y], [x + 9, y]], style, wide);
     line(context, [[x, y - 9], [x, y + 9]], style, wide);
-  }
-  for (const [name, face] of Object.entries(FACES)) {
-    const there = filled.includes(name);
-    word(context, there ? `${name} ✓` : name, at(times(face, 1.2)), colour(there ? "good" : "ink"), 14);
   }
 }

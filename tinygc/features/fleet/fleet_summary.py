@@ -23,9 +23,6 @@ from tinygc.reporting.facts import Chapter, Part, Table, html, page
 from tinygc.reporting.html.markup import WIDE
 
 if TYPE_CHECKING:
-    pass
-
-if TYPE_CHECKING:
     from tinygc.features.fleet.fleet_run import FleetRun
 
 # Rows of a fleet's table as a lot's records, and as CSV.

@@ -122,7 +122,7 @@ class BudgetOptions(Seed):
     seconds: float = option(60.0, "how long", unit="s", above=0, most=MOST_S, group=USE)
     elapsed_s: float | None = option(
         None,
-        "the use is so long after the session and the sensor was not switched off since; else it is another switch-on",
+        "use so long after the session, not switched off since",
         unit="s",
         above=0,
         flags=("--elapsed",),
@@ -140,7 +140,7 @@ class BudgetOptions(Seed):
     )
     of: tuple[str, ...] = option(
         (),
-        "print the whole table of one quantity: bias_x, scale_factor_error_y, E_xy, attitude_total; may be repeated",
+        "print all sources of a quantity: bias_x, E_xy, attitude_total; may be repeated",
         metavar="NAME",
         read=str,
         repeated=True,

@@ -56,7 +56,7 @@ def one_case(job: tuple[str, int]) -> dict:
         write(r, folder)
         try:
             findings = check(folder)
-            errors = [f"{each.what}: {each.says}" for each in findings if each.level == "error"]
+            errors = [f"{each.what}: {each.description}" for each in findings if each.level == "error"]
             if errors:
                 return case | {"end": REFUSED, "said": ["check: " + errors[0]]}
             result = fit(folder, methods=("least_squares",)).result

@@ -18,7 +18,7 @@ print(session)
 
 # %% The first look: units, rates, gaps, axes, stills
 worst = max(tinygc.check(session), key=lambda finding: ("ok", "note", "warning", "error").index(finding.level))
-print(worst.level, worst.what, worst.says)
+print(worst.level, worst.what, worst.description)
 
 # %% The main job: two of the methods; progress=print would tell how far it is
 result = tinygc.fit(session, methods=("raw_bias_removed", "least_squares"))

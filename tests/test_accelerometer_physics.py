@@ -248,7 +248,7 @@ def test_a_zero_beyond_the_data_sheet_is_a_warning(model, bar):
         found = fit_lengths(force + np.array([0.0, mg, 0.0]) * MG, GRAVITY)
         said = _check_zero(found, sensor)
         assert [each.level for each in said] == ["warning"] * (abs(mg) > bar)
-        assert all(f"bar {bar} (" in each.says for each in said)
+        assert all(f"bar {bar} (" in each.description for each in said)
     assert _check_zero(replace(found, covariance=found.covariance + np.eye(9) * (200 * MG) ** 2), sensor) == []  # within what is known
 
 

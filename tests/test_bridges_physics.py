@@ -146,5 +146,5 @@ def test_no_turn_is_lost_to_a_short_gap_and_each_is_said():
     extra = np.trace(problem.floor.own - problem.floor.white, axis1=1, axis2=2)
     assert ((extra > 0) == touched).all()
     findings = {f.what: f for f in check_session(session)}
-    assert "missing in" in findings[BRIDGED].says
-    assert "none longer than 3 samples" in findings["gaps"].says
+    assert "missing in" in findings[BRIDGED].description
+    assert "none longer than 3 samples" in findings["gaps"].description

@@ -53,7 +53,7 @@ def test_a_turn_left_out_is_in_no_fit_and_comes_back_to_the_same_bits(folder, un
     assert without.problem.segments[6].problem == "was left out by hand (session.toml)"
     np.testing.assert_array_equal(without.linear.linear.vector, asked.linear.linear.vector)
     assert not np.array_equal(without.linear.linear.vector, untouched.linear.linear.vector)
-    assert [f.says for f in without.warnings] == ["1 segment left out by hand (session.toml)"]
+    assert [f.description for f in without.warnings] == ["1 segment left out by hand (session.toml)"]
     remove_by_hand(toml, row)
     assert toml.read_bytes() == before
     again = fit_session(folder, OPTIONS)
@@ -69,7 +69,7 @@ def test_a_still_left_out_joins_its_turns(folder, untouched):
     joined = prepared.problem.segments[8]
     assert (joined.first.start, joined.last.start) == (untouched.problem.stills[8].start, untouched.problem.stills[10].start)
     assert joined.note == "passes over a still that was left out by hand (session.toml)"
-    assert [f.says for f in prepared.warnings] == ["1 still left out by hand (session.toml)"]
+    assert [f.description for f in prepared.warnings] == ["1 still left out by hand (session.toml)"]
     assert [f.what for f in check_folder(folder) if f.level in ("warning", "error")] == []
 
 
@@ -98,7 +98,7 @@ def test_moved_ends_are_those_of_the_still(folder, untouched):
     samples = prepared.problem.logs[0].samples
     np.testing.assert_array_equal(moved.gyro_mean, measure(samples, [(still.start + 70, still.stop)], 1).gyro_mean)
     assert prepared.problem.segments[9].first is moved
-    assert [f.says for f in prepared.warnings] == ["the ends of 1 still moved by hand (session.toml)"]
+    assert [f.description for f in prepared.warnings] == ["the ends of 1 still moved by hand (session.toml)"]
     assert not np.array_equal(prepared.problem.first.vector, untouched.problem.first.vector)
 
 

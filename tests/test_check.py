@@ -38,7 +38,7 @@ def test_good_data_has_no_warning_every_check_says_its_number_and_nothing_is_cha
     assert {finding.what for finding in findings} >= {"sample rate", "gaps", "jitter", "stills", "gravity", "axes", "gyro scale"}
     for finding in findings:
         assert finding.where == good.logs[0].path.name
-        assert any(letter.isdigit() for letter in finding.says)
+        assert any(letter.isdigit() for letter in finding.description)
     assert look(good) == findings
     np.testing.assert_array_equal(good.logs[0].samples.gyro, before)
 
@@ -129,7 +129,7 @@ SETTINGS = [
 def test_a_log_is_held_against_what_is_declared(short, settings, comments, what, level, words):
     findings = look(with_sensor(short, **settings), log=replace(short.logs[0], comments=comments))
     finding = of(findings, what)
-    assert (finding.level, words in f"{finding.says} {finding.do}") == (level, True), finding.line
+    assert (finding.level, words in f"{finding.description} {finding.do}") == (level, True), finding.line
 
 
 def test_a_rate_that_the_board_states_is_held_against_the_stamps(short):
@@ -137,7 +137,7 @@ def test_a_rate_that_the_board_states_is_held_against_the_stamps(short):
         log = replace(short.logs[0], comments={"odr_hz": said}, notes=("line 7, the last, is cut off: left out",))
         findings = look(with_sensor(short, odr_hz=208.1), log=log)
         assert [finding.level for finding in findings if finding.what == "sample rate"] == levels
-        assert (of(findings, "reading").level, "cut off" in of(findings, "reading").says) == ("note", True)
+        assert (of(findings, "reading").level, "cut off" in of(findings, "reading").description) == ("note", True)
 
 
 def test_noise_and_zero_that_are_not_the_sensors_are_warnings_for_the_sensor_they_are_known_of():
@@ -145,8 +145,8 @@ def test_noise_and_zero_that_are_not_the_sensors_are_warnings_for_the_sensor_the
     session = session_of(samples, odr_hz=104.0)
     findings = look(session)
     assert serious(findings) == {(what, "warning") for what in ("gyro noise", "accelerometer noise", "zero-rate level")}
-    assert "bar 3" in of(findings, "gyro noise").says
-    assert "no line" in of(findings, "gyro noise").says
+    assert "bar 3" in of(findings, "gyro noise").description
+    assert "no line" in of(findings, "gyro noise").description
     assert "no vibration shows: this unit's noise, its filter, or wrong units" in of(findings, "gyro noise").do
     assert serious(look(with_sensor(session, model="another"))) == set()
     shake = np.random.default_rng(0).standard_normal(len(samples))[:, None]
@@ -154,7 +154,7 @@ def test_noise_and_zero_that_are_not_the_sensors_are_warnings_for_the_sensor_the
     for gyro, accel, says in ((shake, 0.05 * shake, "vibrate"), (line, 0 * shake, "does not follow: interference")):
         finding = of(look(session, gyro=samples.gyro + 0.6 * DEG * gyro, accel=samples.accel + accel), "gyro noise")
         assert says in finding.do
-    assert "(3 Hz)" in finding.says
+    assert "(3 Hz)" in finding.description
 
 
 def test_gaps_are_counted_with_what_they_lost_and_single_losses_are_neither_rate_nor_jitter(good):
@@ -168,8 +168,8 @@ def test_gaps_are_counted_with_what_they_lost_and_single_losses_are_neither_rate
         kept = np.ones(len(samples), bool)
         kept[rows] = False
         findings = look(good, log=replace(good.logs[0], samples=samples.pick(kept)))
-        assert says in of(findings, "gaps").says
-        assert f"{np.count_nonzero(~kept)} samples lost" in of(findings, "gaps").says
+        assert says in of(findings, "gaps").description
+        assert f"{np.count_nonzero(~kept)} samples lost" in of(findings, "gaps").description
         assert of(findings, "jitter").level == "ok"
 
 
@@ -182,13 +182,13 @@ def test_logs_without_a_still_that_creep_or_lie_in_one_attitude():
     assert not [finding for finding in findings if finding.what in ("gravity", "axes", "gyro noise")]
     creeps = Table().rest(2).turn(80, (1, 0, 0)).rest(2).turn(-80, (1, 0, 0)).steady(0.2, (1, 0, 0), 2.0).turn(90, (0, 1, 1)).rest(2)
     finding = of(look(session_of(creeps.samples())), "not still")
-    assert (finding.level, "1 of 4 are no reference: still 2 at " in finding.says) == ("warning", True)
+    assert (finding.level, "1 of 4 are no reference: still 2 at " in finding.description) == ("warning", True)
     level = Table().rest(2)
     for number in range(4):
         level.turn(40, (0, 0, 1)).turn(0.05 * (-1) ** number, (1, 0, 0)).rest(2)
     session = session_of(level.samples(odr_hz=104), odr_hz=104.0)
     findings = look(session)
-    assert "5 stills that are all one attitude (within 0." in of(findings, "gravity spread").says
+    assert "5 stills that are all one attitude (within 0." in of(findings, "gravity spread").description
     assert of(findings, "gyro against gravity").level == "note"
     assert not [finding for finding in findings if finding.what in ("axes", "gyro scale")]
     # The same samples as a log and as a closure run: only the log is asked for other attitudes.
@@ -207,7 +207,7 @@ def test_a_gyro_of_another_board_agrees_with_nothing_and_the_fit_says_it_too(goo
     with pytest.raises(CalibrationError, match="turns miss gravity by more than 10% of their angle") as refused:
         tinygc.fit(session, methods=("least_squares",))
     finding = of(tinygc.check(session), "fit")
-    assert (finding.level, finding.says) == ("error", str(refused.value))
+    assert (finding.level, finding.description) == ("error", str(refused.value))
 
 
 # Turns, as ``fit`` uses them
@@ -226,9 +226,9 @@ def test_clipped_shaking_that_no_fit_uses_accuses_neither_scale_nor_axes():
     findings = check_session(shaken(9))
     assert of(findings, "axes").level == of(findings, "gyro scale").level == "ok"
     turns = of(findings, "turns")
-    assert turns.says.startswith("9 of 10 turns from still to still, 18 angles for 12 parameters")
-    assert "not used: turn 9 at 4" in turns.says
-    assert "the gyro clips at 573 dps" in turns.says
+    assert turns.description.startswith("9 of 10 turns from still to still, 18 angles for 12 parameters")
+    assert "not used: turn 9 at 4" in turns.description
+    assert "the gyro clips at 573 dps" in turns.description
 
 
 def test_check_refuses_what_fit_refuses_in_the_same_words():
@@ -236,16 +236,16 @@ def test_check_refuses_what_fit_refuses_in_the_same_words():
     with pytest.raises(CalibrationError) as refused:
         tinygc.fit(session, methods=("least_squares",))
     finding = of(tinygc.check(session), "turns")
-    assert (finding.level, "6 usable segments, expected at least 7" in finding.says) == ("error", True)
-    assert finding.says.startswith(str(refused.value).removeprefix("made: "))
+    assert (finding.level, "6 usable segments, expected at least 7" in finding.description) == ("error", True)
+    assert finding.description.startswith(str(refused.value).removeprefix("made: "))
 
 
 def test_a_turn_is_left_out_by_a_moment_and_a_moment_that_cannot_be_is_said(good):
     def found(*rows):
         return check_session(replace(good, config=replace(good.config, exclude=rows)))
 
-    assert "left out by hand (session.toml)" in of(found(LeftOut("log0001.csv", 23.5)), "turns").says
-    says = [each.says for each in found(LeftOut("log0001.csv", 500.0), LeftOut("log0009.csv", 3.0)) if each.what == "exclude"]
+    assert "left out by hand (session.toml)" in of(found(LeftOut("log0001.csv", 23.5)), "turns").description
+    says = [each.description for each in found(LeftOut("log0001.csv", 500.0), LeftOut("log0009.csv", 3.0)) if each.what == "exclude"]
     assert says == [
         "log0001.csv at 500 s is left out, which lies outside of it",
         "log0009.csv at 3 s is left out, which is no log of this session",
@@ -270,12 +270,12 @@ def test_a_folder_is_looked_at_as_a_whole_and_a_log_that_cannot_be_read_does_not
     (folder / "log0003.csv").write_text("t_us,gx,gy,gz,ax,ay,az\n0,1,2,3,4,5,x\n1,1,2,3,4,5,6\n")
     (folder / "closure0001.csv.gz").write_bytes(b"no gzip")
     findings = check_folder(folder)
-    errors = {finding.where: finding.says for finding in findings if finding.level == "error"}
+    errors = {finding.where: finding.description for finding in findings if finding.level == "error"}
     assert set(errors) == {"log0003.csv", "closure0001.csv.gz"}
     assert "line 2: az is 'x'" in errors["log0003.csv"]
     assert {"log0001.csv", "log0002.csv", "s", "session.toml"} <= {finding.where for finding in findings}
     assert any(finding.do == "did you mean site.latitude_deg?" for finding in findings)
-    assert of(findings, "turns").says.startswith("14 turns")
+    assert of(findings, "turns").description.startswith("14 turns")
     assert of(findings, "accelerometer").level in ("note", "warning")  # which session.toml does not give
 
 
@@ -293,7 +293,7 @@ def test_a_folder_with_a_mistake_in_its_settings_gives_an_error_finding(tmp_path
     if toml:
         (folder / "session.toml").write_text(toml)
     (error,) = [finding for finding in check_folder(folder) if finding.level == "error"]
-    assert said in error.says
+    assert said in error.description
     assert worst(check_folder(tmp_path / "nowhere")) == "error"
 
 

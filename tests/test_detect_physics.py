@@ -113,9 +113,9 @@ def test_jitter_is_what_a_stamp_misplaces():
     size, period_s = 2e-4, log.samples.period_s
     change = (samples.gyro[2:] - samples.gyro[:-2]) / 2
     angle = np.sqrt((change**2).sum(axis=0).max() / len(samples) * 5.0 / period_s) * size / DEG
-    assert float(jitter.says.split(" us rms")[0].split()[-1]) * 1e-6 == pytest.approx(size, rel=0.02)
+    assert float(jitter.description.split(" us rms")[0].split()[-1]) * 1e-6 == pytest.approx(size, rel=0.02)
     # A line through 5 s on either side takes up what is slower: of so many samples, correlated as the movement is, some hundredths.
-    assert float(jitter.says.split(" deg per turn")[0].split()[-1]) == pytest.approx(angle, rel=0.04, abs=5e-5)
+    assert float(jitter.description.split(" deg per turn")[0].split()[-1]) == pytest.approx(angle, rel=0.04, abs=5e-5)
     # Beside less noise it matters; where a row is missing and no gap says so, --even would refuse.
     quiet, kept = replace(noise, gyro=noise.gyro / 100), np.arange(len(samples)) != len(samples) // 2
     each = [check_stamps(replace(log, samples=some), quiet, 5.0) for some in (samples, samples.pick(kept))]
@@ -169,7 +169,7 @@ def test_gravity_must_move_by_a_tenth_of_the_angle_that_the_rates_tilt_it_by(fol
     moved = samples.with_accel(-9.8 * np.column_stack([0 * angle, np.sin(angle), np.cos(angle)]))
     found = check_gravity_moves("log", moved, list(pairwise(find_stills(samples)[0])))
     says = [f"stays within {stays} deg in 4 of 4 turns in which the rates tilt it by 90 deg"] if stays else []
-    assert [finding.says for finding in found] == says
+    assert [finding.description for finding in found] == says
 
 
 @pytest.mark.parametrize(
@@ -194,7 +194,11 @@ def test_what_undoes_a_wrong_sensitivity_of_registers(good):
 
 def test_samples_counted_at_a_wrong_rate(good):
     found = _counted_at(1.25, replace(good.config.sensor, odr_hz=104.0))
-    assert (found.says, found.factor, found.settings) == ("the samples were counted at 104 Hz, and came at 83.2", 1.25, (("odr_hz", 83.2),))
+    assert (found.description, found.factor, found.settings) == (
+        "the samples were counted at 104 Hz, and came at 83.2",
+        1.25,
+        (("odr_hz", 83.2),),
+    )
 
 
 def test_usual_mistakes_have_their_factors(good):
@@ -272,8 +276,8 @@ def test_gaps_are_counted_and_those_beyond_three_samples_apart(good):
     lost = np.r_[500:502, 1000:1080, 2000:2080]
     kept = np.delete(np.arange(len(samples)), lost)
     found = of(check_stamps(replace(good.logs[0], samples=samples.pick(kept)), None, 5.0), "gaps")
-    assert found.says.startswith("3 gaps, 162 samples lost, the longest 0.389 s")
-    assert found.says.endswith("2 of them longer than 3 samples")
+    assert found.description.startswith("3 gaps, 162 samples lost, the longest 0.389 s")
+    assert found.description.endswith("2 of them longer than 3 samples")
 
 
 @pytest.mark.parametrize(("rate_hz", "least"), [(2.0, 9), (104.0, 105)])
@@ -283,9 +287,9 @@ def test_steps_are_looked_for_in_stretches_of_a_second_and_eight_steps(good, rat
     gyro[-1, 0] = 0.5 * DEG
     (found,) = check_quantised(of_rows(gyro, gyro, rate_hz), good.config.sensor)
     density = good.config.sensor.typical("gyro_noise_mdps_rthz")[1]
-    assert found.says.startswith("the gyro (x) moves")  # the others are stuck
-    assert f"in steps of 500 mdps, and repeats {(least - 2) / (least - 1):.0%} of its readings" in found.says
-    assert f"({density * np.sqrt(rate_hz / 2):.3g} mdps rms for the ASM330LHH" in found.says
+    assert found.description.startswith("the gyro (x) moves")  # the others are stuck
+    assert f"in steps of 500 mdps, and repeats {(least - 2) / (least - 1):.0%} of its readings" in found.description
+    assert f"({density * np.sqrt(rate_hz / 2):.3g} mdps rms for the ASM330LHH" in found.description
     assert check_quantised(of_rows(gyro[1:], gyro[1:], rate_hz), good.config.sensor) == []
 
 
@@ -296,10 +300,10 @@ def test_rows_without_force_are_no_dead_axis_where_that_is_agreed():
     log = of_rows(gyro, accel)
     assert np.flatnonzero(_without_force(log.samples)).tolist() == list(range(300, 700))
     assert [each.what for each in check_dead(log)] == ["accelerometer dead"] * 3
-    assert "ax reads 0 g from row 300 to row 699, 2.9 to 6.7 s" in check_dead(log)[0].says
-    assert "such places" not in check_dead(log)[0].says
+    assert "ax reads 0 g from row 300 to row 699, 2.9 to 6.7 s" in check_dead(log)[0].description
+    assert "such places" not in check_dead(log)[0].description
     accel[800:950] = 0.0
-    assert "(2 such places)" in check_dead(log)[0].says
+    assert "(2 such places)" in check_dead(log)[0].description
     assert check_dead(log, True) == []
 
 
@@ -457,7 +461,7 @@ def test_axes_are_decided_by_how_turns_end_and_not_by_a_hands_pushes():
     signs, (made, samples) = [-1, 1, -1], flat_turns(0.12)
     finding = of(look(made, gyro=samples.gyro * signs, accel=samples.accel), "axes")
     assert finding.level == "error"
-    assert finding.says.startswith("the gyro's x and z have the wrong sign:")
+    assert finding.description.startswith("the gyro's x and z have the wrong sign:")
     (gyro, *_) = finding.corrections
     assert np.diag(gyro.axes).tolist() == signs
     assert of(look(made, gyro=samples.gyro, accel=samples.accel), "axes").level == "ok"
@@ -470,9 +474,9 @@ def test_where_two_orders_fit_none_is_chosen():
     finding = of(findings, "axes")
     assert finding.level == "error"
     assert finding.corrections == ()
-    assert "the gyro's x and y have the wrong sign" in finding.says
-    assert "all three axes of the gyro have the wrong sign" in finding.says
-    assert "2 orders fit alike, and none is chosen" in finding.says
+    assert "the gyro's x and y have the wrong sign" in finding.description
+    assert "all three axes of the gyro have the wrong sign" in finding.description
+    assert "2 orders fit alike, and none is chosen" in finding.description
     assert not [each for each in findings if each.what == "gyro scale"]
     assert of(look(made, gyro=samples.gyro, accel=samples.accel), "axes").level == "ok"
 
@@ -510,7 +514,7 @@ def test_the_step_of_the_readings_refutes_a_sensitivity(lsb_dps, named):
     made = session_of(samples, raw=False, model="unknown")
     gyro = np.round(samples.gyro * 1.147 / (lsb_dps * DEG)) * lsb_dps * DEG
     finding = of(look(made, gyro=gyro), "gyro scale")
-    assert finding.says.startswith("gravity requires rates x 0.87")
+    assert finding.description.startswith("gravity requires rates x 0.87")
     assert ("sensitivity" in finding.do) == named
     assert finding.level == ("error" if named else "warning")
 

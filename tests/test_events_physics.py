@@ -13,7 +13,7 @@ from numpy.testing import assert_allclose
 from scipy import special, stats
 from small_turns import PERFECT, TRUE, angles_by_scipy, small_turns, turned_ends
 
-from session.base.progress import untold
+from session.base.progress import no_report
 from session.log.logfile import Bridge, Log
 from session.log.samples import Samples
 from tinygc import Session
@@ -448,7 +448,7 @@ def test_losses_of_the_second_log_are_timed_after_the_first(two):
     rows = rows_in_turns(table, second, 1, 6)[::2]  # twelve turns without a loss: enough for a linear model of their own
     lossy = with_losses(second, rows, 25)
     problem = build_problem(session_with(first, lossy))
-    mended, ((verdict,), _) = repair(problem), tried_events(problem, None, untold)
+    mended, ((verdict,), _) = repair(problem), tried_events(problem, None, no_report)
     assert list(mended.found) == [LOST]
     parameters = mended.found[LOST].parameters
     assert parameters["length"] == 25
@@ -498,7 +498,7 @@ def test_a_real_knock_is_not_mended_and_the_same_readings_without_one_are(really
     """To the readings of the gyro, both are the same; gravity at the turn's end was turned by the one alone."""
     problem, rows = knocked(really)
     assert {(e.id, e.row) for e in proposed(problem.session)} == {(FALSE, row) for row in rows}  # the registers alone propose them
-    mended, ((verdict,), _) = repair(problem), tried_events(problem, None, untold)
+    mended, ((verdict,), _) = repair(problem), tried_events(problem, None, no_report)
     assert (verdict.tried_rad > 1.4 * verdict.before_rad) == really
     assert (verdict.before_rad > 1.4 * verdict.tried_rad) == (not really)
     if really:

@@ -13,7 +13,7 @@ from formats_page import strangers
 
 from session.base.errors import DataError
 from session.base.units import DEG, G
-from session.log.siblings import others_beside, recordings_at
+from session.log.siblings import recordings_at, sibling_sessions
 from tinygc import SimulationOptions, explain, read_session, report
 from tinygc.effects import catalogue
 from tinygc.estimation.options import FitOptions
@@ -179,7 +179,7 @@ def test_physics_of_another_name_is_refused(unit, run):
 
 
 def test_the_sessions_of_a_unit_are_found_by_its_serial_number(unit):
-    assert [path.name for path in others_beside(unit / "first")] == ["second", "sound"]
+    assert [path.name for path in sibling_sessions(unit / "first")] == ["second", "sound"]
     assert [path.name for path in recordings_at(unit, unit / "first", "SIM-1")] == ["second", "sound"]
     assert recordings_at(unit / "sound", unit / "first", "SIM-1") == [unit / "sound"]
     for place, serial, says in (

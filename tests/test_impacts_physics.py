@@ -61,7 +61,7 @@ def test_an_impact_is_found_where_it_is_and_a_turn_is_none():
     assert {each.cause for each in problem.widened} == {"impact"}
     assert "impact of 3.0 g" in problem.widened[0].words
     (finding,) = (f for f in check_session(problem.session) if f.what == IMPACTS)
-    assert (f"5 of {TURNS} turns hold one" in finding.says, finding.level) == (True, "note")
+    assert (f"5 of {TURNS} turns hold one" in finding.description, finding.level) == (True, "note")
     assert all(each.jump_g == pytest.approx(3.0, abs=0.05) for each in found)
     assert find_impacts(Table().tumble(TURNS).samples()) == []
 

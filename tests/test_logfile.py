@@ -185,7 +185,7 @@ def test_beyond_the_first_megabyte_lines_are_counted_and_a_counter_runs_on(tmp_p
     session = read_session(tmp_path)
     (log,) = session.logs
     assert 5_000 < len(log.samples) < 15_000
-    (finding,) = [each for each in first_look(session, log, [], None) if "breaks off" in each.says]
+    (finding,) = [each for each in first_look(session, log, [], None) if "breaks off" in each.description]
     assert (finding.level, finding.do) == ("warning", "copy it again, whole: turns may be missing")
 
 

@@ -75,7 +75,7 @@ def test_a_ratio_that_was_measured_is_a_sigma_until_it_is_taken_out(stamped, kno
     assert session.clock.sigma == pytest.approx(np.hypot(4500e-6, 400e-6))
     finding = of(tinygc.check(session), "clock")
     assert finding.level == "warning"
-    assert "4500 ± 400 ppm fast" in finding.says
+    assert "4500 ± 400 ppm fast" in finding.description
     mended = fit_session(folder, by_arrivals)
     np.testing.assert_allclose(mended.linear.model.vector, known.linear.model.vector, atol=1e-6)
     np.testing.assert_allclose(mended.covariance, known.covariance, rtol=1e-3, atol=1e-13)
@@ -108,7 +108,7 @@ def test_the_rate_is_as_uncertain_as_the_sensors_profile_or_session_toml_says(no
         rate = replace(nominal.config.sensor, odr_sigma=given).nominal_rate
         assert (rate and rate.sigma) == found
     finding = of(look(nominal), "sample rate")
-    assert (finding.level, "50 Hz, nominal, not measured: ± 2.9 %" in finding.says) == ("warning", True)
+    assert (finding.level, "50 Hz, nominal, not measured: ± 2.9 %" in finding.description) == ("warning", True)
 
 
 def test_the_common_scale_carries_the_rates_uncertainty(nominal):

@@ -116,20 +116,20 @@ def test_the_ghost_is_the_attitude_behind_the_coachs_turns():
 def test_a_page_that_fails_ends_no_recording():
     """It is said once, and the screen goes on being told."""
 
-    class Told(Silent):
+    class Reporter(Silent):
         changes, shown = [], 0
 
         def change(self, change):
             self.changes.append(change.text)
 
         def show(self, guide):
-            Told.shown += 1
+            Reporter.shown += 1
 
-    page = PageView(Told(), SimpleNamespace(publish=lambda *_: 1 / 0))
+    page = PageView(Reporter(), SimpleNamespace(publish=lambda *_: 1 / 0))
     for _ in range(3):
         page.show(guide_of())
-    assert Told.shown == 3
-    assert Told.changes == ["the page has failed (ZeroDivisionError: division by zero); the recording goes on without it"]
+    assert Reporter.shown == 3
+    assert Reporter.changes == ["the page has failed (ZeroDivisionError: division by zero); the recording goes on without it"]
 
 
 def test_the_screen_and_the_page_state_what_waiting_for_a_warm_board_would_gain():

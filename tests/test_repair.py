@@ -105,7 +105,7 @@ def test_samples_counted_at_another_rate_of_the_sensor_are_put_on_its_clock(tmp_
     truth = Table().tumble(8, rest_s=1.5, seed=5).samples(odr_hz=125.0)
     toml = PHYSICAL.replace("unknown", "MPU-9250").replace("52.0", "100.0")
     (change,) = repair(counted(tmp_path / "spoilt", replace(truth, t_ns=truth.t_ns * 5 // 4), toml=toml), tmp_path / "copy").changes
-    assert change.cause.says == "the samples were counted at 100 Hz, and came at 125"
+    assert change.cause.description == "the samples were counted at 100 Hz, and came at 125"
     session = read_session(tmp_path / "copy")
     assert session.config.sensor.odr_hz == 125
     np.testing.assert_array_equal(session.logs[0].samples.t_ns, truth.t_ns)

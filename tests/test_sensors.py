@@ -174,8 +174,8 @@ def test_an_unknown_sensor_is_held_against_nothing():
     findings = look(session)
     assert serious(findings) == set()
     for what in ("gyro noise", "accelerometer noise", "zero-rate level"):
-        assert (of(findings, what).level, "not known" in of(findings, what).says) == ("note", True)
-    assert "ASM330LHH" not in " ".join(f"{f.says} {f.do}" for f in findings)
+        assert (of(findings, what).level, "not known" in of(findings, what).description) == ("note", True)
+    assert "ASM330LHH" not in " ".join(f"{f.description} {f.do}" for f in findings)
     named = look(with_sensor(session, model="ASM330LHH"))
     assert {("gyro noise", "warning"), ("zero-rate level", "warning"), ("temperature", "warning")} <= serious(named)
     assert Sensor("BMI088", "", 200, 500, 6).typical("gyro_bias_instability_dph") is None  # remembered figures are no yardsticks

@@ -91,7 +91,7 @@ FAULTS = {
 def test_a_fault_is_known_by_its_signature(sound, spoil, what, says):
     (finding,) = found(sound, gyro=spoil(rates(sound)) * DEG)
     assert finding.what == what
-    assert says in finding.says
+    assert says in finding.description
     assert finding.do
 
 
@@ -99,7 +99,7 @@ def test_a_fault_is_known_by_its_signature(sound, spoil, what, says):
 def test_a_filter_that_changes_is_named_with_its_row(sound, filtered):
     (finding,) = found(sound, gyro=from_row(rates(sound) + ZERO, 2500, filtered) * DEG)
     assert (finding.what, finding.level) == (FILTER, "warning")
-    assert int(finding.says.split()[2]) == pytest.approx(2500, abs=12)  # the filter's own length
+    assert int(finding.description.split()[2]) == pytest.approx(2500, abs=12)  # the filter's own length
 
 
 def exchanged(registers):
@@ -113,7 +113,7 @@ def test_exchanged_bytes_are_named_axis_by_axis(sound, axes):
     assert not found(sound, gyro=gyro * unit, accel=accel)
     (finding,) = found(sound, gyro=np.where(axes, exchanged(gyro), gyro) * unit, accel=accel)
     assert (finding.what, finding.level) == ("byte order", "error")
-    assert finding.says.startswith(f"gyro ({'x, y, z' if all(axes) else 'y'}): ")
+    assert finding.description.startswith(f"gyro ({'x, y, z' if all(axes) else 'y'}): ")
     left_justified = np.clip(gyro // 128, -128, 127) << 8  # eight bits
     assert not found(sound, gyro=left_justified * unit, accel=accel)
 
@@ -126,7 +126,7 @@ def test_a_register_that_comes_round_is_found_without_its_sensor(sound, end, coa
     samples = sound.logs[0].samples.pick(slice(None, None, coarser))
     (finding,) = check_signatures(replace(unknown.logs[0], samples=replace(samples, gyro=gyro * DEG)), unknown.config.sensor)
     assert finding.what == "gyro wraps"
-    assert f"comes round at ±{end:.4g} dps" in finding.says
+    assert f"comes round at ±{end:.4g} dps" in finding.description
 
 
 @pytest.mark.parametrize(("step", "zero"), [(0.5, ZERO), (1.0, 0 * ZERO)])
@@ -150,7 +150,7 @@ def test_a_mount_that_creeps_is_told_from_a_zero_that_is_tracked(sound, tau_s, t
     noise = np.random.default_rng(6).normal(size=angle.shape) * noise_g * G
     findings = found(sound, gyro=(rates(sound) + creep) * DEG, accel=samples.accel + np.cross(samples.accel, angle) + noise)
     assert [each.what for each in findings] == [TRACKED] * bool(says)
-    assert all(each.says.endswith(says) for each in findings)
+    assert all(each.description.endswith(says) for each in findings)
 
 
 def test_what_drifts_or_vibrates_is_none_of_them(sound):
@@ -167,7 +167,7 @@ def test_what_drifts_or_vibrates_is_none_of_them(sound):
 
 def test_an_accelerometer_that_answers_two_values(sound):
     (finding,) = found(sound, accel=np.where(sound.logs[0].samples.accel > 0, G, 0.0))
-    assert finding.says.startswith("the accelerometer reads 2 values only, 0, 1 g")
+    assert finding.description.startswith("the accelerometer reads 2 values only, 0, 1 g")
 
 
 # Noise at rest of one sensor: lines, slope, and what gyro and accelerometer share, each of a known size

@@ -98,6 +98,6 @@ def test_the_error_of_readings_is_predicted_from_fewer_of_them():
     samples, _ = sampled(fine, rate_hz, mdps=5.0)
     (line,) = looked(samples, stills)
     assert line.level == "warning"
-    assert "faster than 50 Hz" in line.says
-    assert float(line.says.split("about ")[1].split("°")[0]) == pytest.approx(true / DEG, rel=0.3)
+    assert "faster than 50 Hz" in line.description
+    assert float(line.description.split("about ")[1].split("°")[0]) == pytest.approx(true / DEG, rel=0.3)
     assert "a low-pass below 50 Hz" in line.do

@@ -218,7 +218,7 @@ def test_large_stamps_that_stand_still_or_leap_by_several_units_have_lost_digits
     ],
 )
 def test_what_is_said_of_the_clock(name, cells, says):
-    assert find_clock([[str(cell)] for cell in cells], [name], (), None, None, "x").says == f"{name!r} is taken for {says}"
+    assert find_clock([[str(cell)] for cell in cells], [name], (), None, None, "x").description == f"{name!r} is taken for {says}"
 
 
 def test_of_several_clocks_a_person_names_one():

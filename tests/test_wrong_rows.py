@@ -48,7 +48,7 @@ def typo(row, column, by):
 def test_a_wrong_row_is_named_and_left_out_in_check_and_fit(spoil, rows, dialled):
     session = replace(dialled, attitudes=spoil(dialled.attitudes))
     findings = [f for f in check_session(session) if f.what == "dial reading"]
-    assert [(f.where, f.level, "left out" in f.says) for f in findings] == [("attitudes.csv", "warning", True)] * len(rows)
+    assert [(f.where, f.level, "left out" in f.description) for f in findings] == [("attitudes.csv", "warning", True)] * len(rows)
     problem = build_problem(session)
     assert {s.number for s in problem.segments if not s.accepted} == {s for row in rows for s in (row - 1, row) if 0 <= s < TURNS}
     np.testing.assert_allclose(problem.first.E, E_TRUE, atol=1.5e-3)
@@ -62,4 +62,4 @@ def test_many_wrong_rows_are_another_convention_and_an_accelerometer_may_be_upsi
     (log,) = dialled.logs
     negated = replace(log, samples=log.samples.with_accel(-log.samples.accel))
     (finding,) = (f for f in check_session(replace(dialled, logs=(negated,))) if f.what == "dials against gravity")
-    assert (finding.level, "upside down" in finding.says) == ("error", True)
+    assert (finding.level, "upside down" in finding.description) == ("error", True)

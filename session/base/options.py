@@ -313,7 +313,7 @@ def record_in(records: Sequence[Any], kind: type[R]) -> R:
     return next((each for each in records if isinstance(each, kind)), kind())
 
 
-def refuse_beside(what: str, others: Mapping[str, object], records: Sequence[Any], otherwise: str = "") -> None:
+def refuse_with(what: str, others: Mapping[str, object], records: Sequence[Any], otherwise: str = "") -> None:
     """Raise CalibrationError for options that do nothing beside ``what``: flag -> whether it is given, and all that records have;
     otherwise: what to do instead of leaving them out."""
     idle = [name for name, is_given in others.items() if is_given] + [name for each in records for name in given(each)]

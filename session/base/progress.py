@@ -1,14 +1,14 @@
-"""Who works long tells how far he is."""
+"""How far a long computation is."""
 
 from collections.abc import Callable
 
-#: told the current step's description, the number of steps done, and of all steps
+#: called with the current step's description, the number of steps done, and of all steps
 Progress = Callable[[str, int, int], None]
-#: told the current step's description, or another line of text
-Told = Callable[[str], None]
-#: told the number of steps done, and of all steps
+#: called with the current step's description, or another line of text
+Reporter = Callable[[str], None]
+#: called with the number of steps done, and of all steps
 Steps = Callable[[int, int], None]
 
 
-def untold(*what: object) -> None:
-    """Tell no one."""
+def no_report(*what: object) -> None:
+    """Report to no one."""

@@ -35,7 +35,7 @@ SCALES, SHEARS, BIASES = np.array([0, 3, 5]), np.array([1, 2, 4]), np.array([6, 
 class Ladder:
     """One choice of what is fitted: what a person calls it, and directions (9, K) of the vector."""
 
-    says: str
+    description: str
     directions: np.ndarray
 
     @property

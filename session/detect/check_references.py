@@ -64,7 +64,7 @@ def check_known_turns(turns: Sequence[FoundTurn], parts: Sequence[LogSegments]) 
 
 def _finding(turn: FoundTurn, free: list[tuple[int, np.ndarray]]) -> Finding:
     """free: number of each turn that no line names, and what the gyro reads of it, (3,) rad."""
-    text = f"{turn.known.name}: {turn.known.says}"
+    text = f"{turn.known.name}: {turn.known.description}"
     if turn.problem is None:
         return Finding("ok", NAME, KNOWN_TURN, f"{text}; the gyro reads {turn.along_rad / DEG:.2f} deg, uncalibrated")
     meant = [number for number, reads in free if contradiction(turn.known, reads) is None]
@@ -126,7 +126,7 @@ def with_own_accelerometer(session: Session, refit: bool = False, looked_at: Ses
         do = f"its errors become the gyroscope's; rest it on more sides, or {known}"
         return session, [Finding("warning", SESSION_FILE, ACCELEROMETER, f"{given}, but {why_not(own)}", do)]
     text = (
-        f"{given}: {own.rung.says} from {len(own.before)} stills in {own.attitudes} attitudes; "
+        f"{given}: {own.rung.description} from {len(own.before)} stills in {own.attitudes} attitudes; "
         f"gravity's spread {spread_mg(own.before):.2f} mg before, {spread_mg(own.after):.2f} mg after"
     )
     level, do = "note", f"they are of these very stills: {known}"

@@ -27,7 +27,7 @@ class Correction:
     change what is read (registers), the columns stay.
     """
 
-    says: str
+    description: str
     kind: str = ""
     factor: float = 1.0
     axes: Axes | None = None
@@ -39,27 +39,27 @@ class Finding:
     """One result of one check.
 
     level: ``ok`` within its bar, ``note`` worth knowing, ``warning`` costs accuracy, ``error`` makes the calibration wrong;
-    where: the file, or the folder's part; what: the check's short name; states: the measured number with its bar;
+    where: the file, or the folder's part; what: the check's short name; description: the measured number with its bar;
     do: what to do about it, or nothing; corrections: the causes that explain it, each with what reverses it; none where it is not known.
     """
 
     level: Annotated[str, Text(LEVELS)]
     where: str
     what: str
-    says: Annotated[str, Key("description")]
+    description: str
     do: Annotated[str, Key("advice")] = ""
     corrections: Annotated[tuple[Correction, ...], DERIVED] = ()
 
     def __post_init__(self) -> None:
         if self.level not in LEVELS:
             raise ValueError(f"level is {self.level!r}, expected one of {', '.join(LEVELS)}")
-        for name in ("where", "says", "do"):  # they may quote a file
+        for name in ("where", "description", "do"):  # they may quote a file
             object.__setattr__(self, name, printable(getattr(self, name)))
 
     @property
     def line(self) -> str:
         """All of it in a line, but for the level."""
-        return f"{self.where}: {self.what}: {self.says}" + (f"; {self.do}" if self.do else "")
+        return f"{self.where}: {self.what}: {self.description}" + (f"; {self.do}" if self.do else "")
 
 
 def worst(findings: Iterable[Finding]) -> str:
@@ -114,7 +114,7 @@ ARGUMENTS = {
 
 def as_arguments(finding: Finding) -> Finding:
     """The finding with the words of ``Session.from_arrays``."""
-    where, text, do = finding.where, finding.says, finding.do
+    where, text, do = finding.where, finding.description, finding.do
     for words, arguments in ARGUMENTS.items():
         where, text, do = (text.replace(words, arguments) for text in (where, text, do))
-    return replace(finding, where=where, says=text, do=do)
+    return replace(finding, where=where, description=text, do=do)

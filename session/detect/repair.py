@@ -50,7 +50,7 @@ class Change:
         """Return one of ``changes`` of ``tinygc-repair/1``."""
         return {
             "finding": self.what,
-            "cause": self.cause.says,
+            "cause": self.cause.description,
             "files": list(self.files),
             "columns": self.cause.kind,
             "factor": self.cause.factor,
@@ -161,12 +161,12 @@ def _reverse(
     fewest = min((errors for errors, *_ in tried), default=0)
     best = [(folder, after, change) for errors, folder, after, change in tried if errors == fewest]
     if not best:
-        causes = " and ".join(each.says for each in mine[0].corrections)
+        causes = " and ".join(each.description for each in mine[0].corrections)
         raise DataError(f"{source}: no cause is determined: {mine[0].line}; undone ({causes}), it is still there")
     if len(best) == 1:
         return *best[0], cause
     if cause is None:
-        listed = "; ".join(f"{number}: {change.cause.says}" for number, (_, _, change) in enumerate(best, start=1))
+        listed = "; ".join(f"{number}: {change.cause.description}" for number, (_, _, change) in enumerate(best, start=1))
         raise DataError(f"{source}: {len(best)} causes explain {what} alike: {listed}; choose one (--cause 1, 2)")
     if not 1 <= cause <= len(best):
         raise DataError(f"{source}: --cause is {cause}, expected 1 to {len(best)}")
@@ -212,7 +212,7 @@ def _set(document: Any, cause: Correction, times: dict[str, float]) -> None:
 def _note(folder: Path, done: Repaired) -> None:
     """The provenance: a file of its own, and a note in session.toml, which the report shows; a note that is there stays."""
     write_whole(folder / NAME, done.to_json())
-    text = f"{'; '.join(change.cause.says for change in done.changes)} ({NAME})"
+    text = f"{'; '.join(change.cause.description for change in done.changes)} ({NAME})"
 
     def add(document: Any) -> None:
         notes = document.setdefault("notes", {})

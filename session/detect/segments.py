@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from session.base.progress import Told, untold
+from session.base.progress import Reporter, no_report
 from session.base.rotation import angle_between
 from session.base.texts import command_line
 from session.base.units import DEG, NS
@@ -269,7 +269,9 @@ class LogSegments:
     segments: list[Segment]
 
 
-def session_segments(session: Session, found: SessionStills, moving: Collection[int] = (), progress: Told = untold) -> list[LogSegments]:
+def session_segments(
+    session: Session, found: SessionStills, moving: Collection[int] = (), progress: Reporter = no_report
+) -> list[LogSegments]:
     """Cut the segments of a session, numbered over all logs; a log without a still has none, and is not counted.
 
     found: the session's stills; moving: numbers of stills, over all logs, that are known not to be at rest.

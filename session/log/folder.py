@@ -32,7 +32,7 @@ from session.base.files import (
     write_new,
 )
 from session.base.names import CLOCKS, log_paths, refuse_special
-from session.base.progress import Told, untold
+from session.base.progress import Reporter, no_report
 from session.base.texts import command_line, printable, unicode_text
 from session.base.toml import Note, add_lines, edited, parse_toml, toml_line, value_text
 from session.base.units import DEG
@@ -340,7 +340,7 @@ def _write_lines(path: Path, lines: Iterable[str]) -> None:
         file.writelines(text.encode() for text in lines)
 
 
-def read_session(folder: Path | str, progress: Told = untold) -> Session:
+def read_session(folder: Path | str, progress: Reporter = no_report) -> Session:
     """Read a whole session folder.  FormatError or DataError names file and line.  ``progress`` is called with each file's name."""
     folder = Path(folder)
     if not folder.is_dir():
@@ -379,7 +379,7 @@ def read_logs(
     paths: Sequence[Path],
     closures: Sequence[Path],
     rests: Sequence[Path],
-    progress: Told = untold,
+    progress: Reporter = no_report,
     gyro_alone: bool = False,
 ) -> Session:
     """A session of these logs, closure runs and rest logs, without the tables of its folder; gyro_alone: as in ``read_log``.

@@ -236,7 +236,7 @@ class KnownTurn:
         return f"turn {self.turn}" + (f" of {self.log}" if self.log else "")
 
     @property
-    def says(self) -> str:
+    def description(self) -> str:
         """``360 ± 0.05 deg about x``."""
         return f"{self.angle_rad / DEG:g} ± {self.sigma_rad / DEG:g} deg about {self.words}"
 

@@ -13,7 +13,7 @@ from session.log.config import read_config
 MOST_LOOKED_AT = 200
 
 
-def others_beside(folder: Path) -> list[Path]:
+def sibling_sessions(folder: Path) -> list[Path]:
     """Return the sessions in the parent folder that name the same unit, in order of their names; none if the session names no serial."""
     try:
         serial = serial_of(folder)

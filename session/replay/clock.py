@@ -111,13 +111,13 @@ TOLD, BY_NAME, BY_RATE, BY_DATE = "as you say", "by its name", "by the sensors' 
 
 @dataclass(frozen=True)
 class Clock:
-    """column; unit, a word of ``TIME``, or a multiple; known: how the unit is; says: which column it is, and why in this unit; finer: a
-    column of a second's fraction beside whole seconds, and its ns per unit."""
+    """column; unit, a word of ``TIME``, or a multiple; known: how the unit is; description: which column it is, and why in this unit;
+    finer: a column of a second's fraction next to whole seconds, and its ns per unit."""
 
     column: int
     unit: str
     known: str
-    says: str
+    description: str
     finer: tuple[int, int] | None = None
 
 

@@ -12,7 +12,7 @@ from session.base import features
 from session.base.budget import budget
 from session.base.errors import FormatError
 from session.base.files import MOST_TOML, read_text
-from session.base.options import given, refuse_beside, typed
+from session.base.options import given, refuse_with, typed
 from session.base.texts import comment, install_line, letters_of, printable
 from session.log.folder import sha256_of
 from session.log.lines import STANDARD
@@ -59,7 +59,7 @@ def import_log(
     if len(paths) == 1 and not binary and is_raw(paths[0], alone):
         of_logs = given(alone, ("odr_hz", "gyro_fs_dps", "accel_fs_g", "sensor"))
         ignored = {**dict.fromkeys(of_logs, True), "--add": add, "--serial": serial, "--even": answers.even}
-        refuse_beside(f"{paths[0].name}, a port's bytes", ignored, further)
+        refuse_with(f"{paths[0].name}, a port's bytes", ignored, further)
         return convert_raw(paths[0], out, answers, header)
     if header is not None:
         raise FormatError(f"{paths[0].name}: --header is of a port's bytes, named .bin; of a log, --columns says what its columns are")

@@ -335,7 +335,7 @@ def _layout(
         frame="" if dialect is None else dialect.frame,
         header_line=lines[first - 1].strip() if first else "",
         finer=finer,
-        remark="" if clock is None else clock.says,
+        remark="" if clock is None else clock.description,
         sources=({} if clock is None else {"time": clock.known}) | _sources(columns, names, answers, facts, told),
         intervals=time_column is not None and holds_intervals(_rows(lines[first:], delimiter), time_column, names),
         facts={key: value for key, value in facts.items() if not key.endswith("_unit")},

@@ -46,6 +46,6 @@ def run(data: bytes, folder: Path) -> None:
     for turn in session.turns:
         finite(turn.axis, turn.angle_rad, turn.sigma_rad)
         assert abs(np.linalg.norm(turn.axis) - 1) < 1e-9
-        assert turn.says.isprintable()
+        assert turn.description.isprintable()
         assert turn.name.isprintable()
     assert session.attitudes is None or np.isfinite(session.attitudes).all(axis=1).any()

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-from session.base.options import Record, declared, file_written, given, option, refuse_beside
+from session.base.options import Record, declared, file_written, given, option, refuse_with
 from tinygc.cli.arguments import stream_header
 from tinygc.estimation.options import Limit
 
@@ -34,12 +34,12 @@ class Command(Record):
         """Return the record of a kind among those of the features."""
         return next(each for each in self.of_features if isinstance(each, kind))
 
-    def refuse_beside(self, what: str, *used: str, otherwise: str = "") -> None:
+    def refuse_with(self, what: str, *used: str, otherwise: str = "") -> None:
         """Raise CalibrationError where options are given that do nothing beside ``what``, which uses those fields alone; what the user's
         defaults say is of other commands as well.  otherwise: what to do instead."""
         by_default = [each.name for each, rule in declared(self) if rule.default_key and self.defaults]
         idle = given(self, ("json", "quiet", "effects", *used, *by_default))
-        refuse_beside(what, dict.fromkeys(idle, True), self.of_features, otherwise)
+        refuse_with(what, dict.fromkeys(idle, True), self.of_features, otherwise)
 
     @property
     def further(self) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from typing import IO, TYPE_CHECKING, Any
 
 from session.base.errors import CalibrationError
 from session.base.options import folder_written, option, typed
-from session.base.progress import Told
+from session.base.progress import Reporter
 from session.base.texts import command_line, printable
 from tinygc.cli.arguments import note as note_read
 from tinygc.cli.options import Command, Stream
@@ -320,7 +320,7 @@ def stay(server: PageServer, folder: Path, wanted: Callable[[], bool]) -> None:
         time.sleep(LOOK_EVERY_S)
 
 
-def _made(folder: Path, wanted: Callable[[], bool], show: Told) -> str:
+def _made(folder: Path, wanted: Callable[[], bool], show: Reporter) -> str:
     """Make the report in a process of its own, with the time that it takes; return why there is none, or nothing."""
     began_s = time.monotonic()
     command = [sys.executable, str(CALIBRATE), "report", str(folder.resolve()), "--quiet"]  # no name that looks like an option

@@ -123,7 +123,7 @@ def print_commands(args: Any, introduction: str, *commands: str) -> None:
         output(args).print(f"  {command}", soft_wrap=True)
 
 
-def beside_log(args: Any, lines: list[str], to_stdout: bool) -> None:
+def print_with_log(args: Any, lines: list[str], to_stdout: bool) -> None:
     """Print lines about a log that was written: on standard error where the log itself goes to standard output."""
     for line in lines:
         if not to_stdout:
@@ -257,12 +257,12 @@ def standard_output() -> Iterator[None]:
 
 @dataclass(frozen=True)
 class Done:
-    """code: exit code; table: the command's JSON; says: its result in a few words; held_out, floor, runs: figures of the calibration in
+    """code: exit code; table: the command's JSON; words: its result in a few; held_out, floor, runs: figures of the calibration in
     degrees, None and none where there is no such figure."""
 
     code: int
     table: dict
-    says: str = ""
+    words: str = ""
     held_out_deg: float | None = None
     floor_deg: float | None = None
     runs_deg: tuple[float, ...] = ()
@@ -291,7 +291,7 @@ def run_each(args: Any, one: Callable[[Any], Done], schema: str, title: str) -> 
             code = done.code
             entries.append({"folder": str(folder), "exit_code": code, "error": None, "result": done.table})
             runs = ", ".join(f"{run:.4f}" for run in done.runs_deg)
-            rows.append((str(folder), degrees_text(done.held_out_deg), degrees_text(done.floor_deg), runs or "–", done.says))
+            rows.append((str(folder), degrees_text(done.held_out_deg), degrees_text(done.floor_deg), runs or "–", done.words))
         worst = max(worst, code)
     terminal.output(is_standard_output(args.json)).print(outcomes_table(title, rows))  # also with --quiet
     write_json(args.json, {"schema": schema, "sessions": entries})

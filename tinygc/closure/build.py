@@ -11,7 +11,7 @@ import numpy as np
 from session.base import rotation
 from session.base.errors import DataError, FitError, SegmentError
 from session.base.numeric import running_sum
-from session.base.progress import Told, untold
+from session.base.progress import Reporter, no_report
 from session.base.rotation import angle_between
 from session.base.texts import command_line
 from session.base.units import DEG, EARTH_RATE_RPS, NS
@@ -250,7 +250,7 @@ def build_problem(
     near: LinearModel | None = None,
     prior: PriorOf | None = None,
     most: int | None = None,
-    progress: Told = untold,
+    progress: Reporter = no_report,
 ) -> Problem:
     """Find stills, cut segments, carry the attitude through each log, and compute the Earth's rate and the floor.
 
@@ -330,7 +330,7 @@ def _stills_and_segments(
     exclude: Collection[int],
     moving: Collection[int],
     clipped: Collection[int],
-    progress: Told,
+    progress: Reporter,
 ) -> tuple[Session, list[StillSet], list[Segment]]:
     session, parts, _ = without_wrong_dials(session, session_segments(session, found, moving, progress))
     logs = [

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from session.base.errors import CalibrationError
-from session.base.progress import Told, untold
+from session.base.progress import Reporter, no_report
 from session.base.units import DEG_PER_HOUR
 from session.detect.check_references import ACCELEROMETER, ZERO_DRIFT, drift_finding, with_own_accelerometer
 from session.detect.check_samples import BRIDGED, IMPACTS, with_bridges
@@ -153,7 +153,7 @@ def prepare(
     use_earth: bool = True,
     exclude: tuple[int, ...] = (),
     accelerometer: str = AUTO,
-    progress: Told = untold,
+    progress: Reporter = no_report,
     known: SessionStills | None = None,
     near: LinearModel | None = None,
     prior: PriorOf | None = None,
@@ -236,10 +236,10 @@ def _fitted(findings: list[Finding], problem: Problem, own: list[Finding]) -> Pr
 
 
 def _joint_finding(finding: Finding, joint: JointFit) -> Finding:
-    text = finding.says.split("; not observable")[0]
+    text = finding.description.split("; not observable")[0]
     if not joint.unobserved:
-        return replace(finding, level="note", says=text + "; sharpened by the turns")
-    return replace(finding, says=f"{text}; not observable: {', '.join(joint.unobserved)}")
+        return replace(finding, level="note", description=text + "; sharpened by the turns")
+    return replace(finding, description=f"{text}; not observable: {', '.join(joint.unobserved)}")
 
 
 def _refuted(joint: JointFit, free: JointFit | None) -> Finding:

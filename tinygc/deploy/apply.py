@@ -129,7 +129,7 @@ def apply_model(
         needed_for = ", ".join(calibration.effects)
         raise DataError(f"{log.name} lacks {' and '.join(missing)}, which the model needs ({needed_for}); import joins two files")
     if reader.layout.accel is not None:
-        notes.append(f"specific force: {known.says}")
+        notes.append(f"specific force: {known.description}")
     if (spread := table.get("bias_sigma_rps")) is not None:
         notes.append(f"the bias of another session differs by up to {np.sqrt(2) * max(spread) / DEG:.2g} dps (one sigma)")
     count = _write(out, log, source, pieces, calibration.stream(began_s), unit, progress)

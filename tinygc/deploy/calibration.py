@@ -43,12 +43,12 @@ def effects_of_session_time(model: Model) -> tuple[str, ...]:
 @dataclass(frozen=True)
 class Surroundings:
     """sensor: full scales and meaning of the registers, None where unknown; accelerometer: its calibration, None where there is none;
-    source: ``model``, ``session`` or ``none``; says: the same as text."""
+    source: ``model``, ``session`` or ``none``; description: the same as text."""
 
     sensor: KnownSensor | Sensor
     accelerometer: Accelerometer | None
     source: str
-    says: str
+    description: str
 
 
 def surroundings(table: dict, model_path: Path, log: Path, session: Path | None) -> Surroundings:

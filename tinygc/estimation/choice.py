@@ -115,8 +115,8 @@ def against_raw(problem: Problem, options: FitOptions, fits: Mapping[str, Method
 
 
 def worse_in_table(fit: Mapping, method: str) -> tuple[float, float] | None:
-    """Return the held-out tilts of a method and of raw, degrees, inf where there is no number, from a ``fit.json`` (``results.JUDGED``), if
-    the first is worse, or no number, with enough turns; None otherwise, or where the file has no such method."""
+    """Return the held-out tilts of a method and of raw, degrees, inf where there is no number, from a ``fit.json`` (``results.EVALUATED``),
+    if the first is worse, or no number, with enough turns; None otherwise, or where the file has no such method."""
     if method not in fit.get("methods", {}) or "against_raw" not in fit or fit["segments"]["used"] < ENOUGH_SEGMENTS:
         return None
     tilts = (fit["methods"][method]["holdout"]["tilt_rms_deg"], fit["against_raw"]["tilt_rms_deg"])

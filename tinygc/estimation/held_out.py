@@ -10,7 +10,7 @@ from functools import partial
 
 import numpy as np
 
-from session.base.progress import Steps, untold
+from session.base.progress import Steps, no_report
 from tinygc.closure.least_squares import GaussianPrior, StillRates, naming_segments
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import Batch, closure_angles
@@ -25,7 +25,7 @@ def run_method(
     name: str,
     problem: Problem,
     options: FitOptions,
-    progress: Steps = untold,
+    progress: Steps = no_report,
     before: dict[str, MethodFit] | None = None,
 ) -> MethodFit:
     """Fit to all segments, and to all but each fold in turn; ``before``: the methods fitted already, which a method may build upon.

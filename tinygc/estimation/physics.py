@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from session.base.progress import Told
+from session.base.progress import Reporter
 from session.base.texts import listed
 from session.log.config import NominalRate
 from tinygc.closure.problem import Problem
@@ -52,7 +52,7 @@ class PhysicsFit:
 RunErrors = Callable[[np.ndarray, ClosureRun], np.ndarray]
 #: function that fits named physics; its arguments are the problem as given, that of the fit and its least squares, its options, its closure
 #: runs, and a progress callback
-FitPhysics = Callable[[Problem, Problem, MethodFit, FitOptions, Sequence[ClosureRun], Told], PhysicsFit]
+FitPhysics = Callable[[Problem, Problem, MethodFit, FitOptions, Sequence[ClosureRun], Reporter], PhysicsFit]
 
 
 def errors_with_physics(claims: Sequence[AppliedEffect], known: Conditions, earth_t: np.ndarray) -> RunErrors:

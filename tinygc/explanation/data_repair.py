@@ -11,7 +11,7 @@ import numpy as np
 from scipy.special import chdtrc, chdtri
 
 from session.base.errors import CalibrationError
-from session.base.progress import Told, untold
+from session.base.progress import Reporter, no_report
 from session.base.units import DEG, NS_PER_S
 from session.detect import bridging
 from session.detect.segments import Segment
@@ -380,7 +380,7 @@ class RepairedProblem:
     recorded: Problem | None = None
 
 
-def repair(problem: Problem, progress: Told = untold) -> RepairedProblem:
+def repair(problem: Problem, progress: Reporter = no_report) -> RepairedProblem:
     """Repair clipping, then false readings and losses, then creeping stills: each is proposed, tested, and repaired if closure accepts
     it.  A further reference finds its own errors."""
     if problem.session.reference is not None:
@@ -410,7 +410,7 @@ def _claim(name: str, theta: float, parameters: dict, std: dict, p_value: float,
     return Claim(effect, parameters, std, p_value, effect.describe(np.array([theta])), p_is_bound=is_bound, probability=chance)
 
 
-def tried_events(problem: Problem, clipping: Clipping | None, progress: Told) -> tuple[list[Verdict], tuple[Effect, ...]]:
+def tried_events(problem: Problem, clipping: Clipping | None, progress: Reporter) -> tuple[list[Verdict], tuple[Effect, ...]]:
     """Verdicts on false readings and losses, in this order, and the effects used in the tests.  Events in clipped turns are not tested."""
     clipped = [] if clipping is None else [s for s in problem.segments if s.number in clipping.numbers]
     events = [e for e in proposed(problem.session) if not any(s.log == e.log and s.start <= e.row < s.stop for s in clipped)]

@@ -12,7 +12,7 @@ from scipy.special import chdtrc
 
 from session.base.errors import CalibrationError
 from session.base.numeric import rms_length
-from session.base.progress import Told, untold
+from session.base.progress import Reporter, no_report
 from session.base.rotation import matrix
 from session.base.units import DEG
 from session.detect.bridging import GAP
@@ -480,7 +480,7 @@ def _expected_rms(twin: Twin, naming: Naming, proof: Proof) -> float:
 def decide(
     twin: Twin,
     seed: int,
-    progress: Told = untold,
+    progress: Reporter = no_report,
     begin: tuple[Effect, ...] = (),
     prove: Prover | None = None,
 ) -> Naming:

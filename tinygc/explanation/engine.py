@@ -11,7 +11,7 @@ import numpy as np
 
 from session.base import features
 from session.base.errors import CalibrationError
-from session.base.progress import Progress, untold
+from session.base.progress import Progress, no_report
 from session.base.units import DEG
 from session.detect.findings import Finding, as_arguments
 from session.log.folder import Session
@@ -126,7 +126,7 @@ def explain_session(
     *,
     seed: int = 0,
     use_earth: bool = True,
-    progress: Progress = untold,
+    progress: Progress = no_report,
     prepared: Prepared | None = None,
     noise: Path | None = None,
     fit: FitResult | None = None,

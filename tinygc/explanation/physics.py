@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from session.base.errors import FitError
-from session.base.progress import Told, untold
+from session.base.progress import Reporter, no_report
 from tinygc.closure.problem import Problem
 from tinygc.closure.runs import ClosureRun
 from tinygc.effects import Effect, catalogue
@@ -54,7 +54,7 @@ def fit_physics(
     problem: Problem,
     ids: tuple[str, ...] | None,
     seed: int = 0,
-    progress: Told = untold,
+    progress: Reporter = no_report,
     stated: FitClosure | None = None,
 ) -> PhysicsFit:
     """Fit with these effects, or with what `explain` names (None), given what ``fit`` states without them.  Raises FitError for an id that
@@ -107,7 +107,7 @@ def physics_methods(
     linear: MethodFit,
     options: FitOptions,
     runs: Sequence[ClosureRun],
-    progress: Told = untold,
+    progress: Reporter = no_report,
 ) -> PhysicsFit:
     """Fit the physics of the options, and the net after it if the net is among their methods; close both on the runs.  level: the problem
     that ``fit`` solves; linear: its least squares."""

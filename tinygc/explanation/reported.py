@@ -12,7 +12,7 @@ import numpy as np
 
 from session.base import features
 from session.base.numeric import sigmas_in
-from session.base.progress import Progress, untold
+from session.base.progress import Progress, no_report
 from session.base.units import DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, EARTH_RATE_RPS, PPM
 from session.log.config import Accelerometer
 from session.log.folder import Session, file_key, hash_of_log, input_hashes
@@ -244,7 +244,7 @@ def gather(
     fit: the fit of this session with these options, where it was run before; else earlier output is in the session's ``fit``.
     The session is read, checked and turned into a problem once, for both.  Raises what ``fit_session`` and ``explain_session`` raise.
     """
-    progress = progress or untold
+    progress = progress or no_report
     prepared = None
     folder = session if isinstance(session, Path) else None if session.in_memory else session.folder
     if explain or fit is None:

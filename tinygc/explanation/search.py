@@ -9,7 +9,7 @@ from itertools import combinations
 
 import numpy as np
 
-from session.base.progress import Told, untold
+from session.base.progress import Reporter, no_report
 from session.base.units import DEG, EARTH_RATE_RPS
 from tinygc.closure.earth import EarthRate
 from tinygc.effects import Effect, Movement, Parameter, Reach, Scan, diagonal, per_axis, without_vibration
@@ -46,7 +46,7 @@ def search(
     tried: list[Effect],
     begin: Hypothesis,
     most: int = MOST_EFFECTS,
-    progress: Told = untold,
+    progress: Reporter = no_report,
 ) -> Hypothesis:
     """Find the hypothesis with the most evidence that can be reached from ``begin``."""
     evidence.will_try(tried)

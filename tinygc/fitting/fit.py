@@ -11,7 +11,7 @@ import numpy as np
 
 from session.base import features
 from session.base.errors import CalibrationError, DataError, FitError, SegmentError
-from session.base.progress import Progress, untold
+from session.base.progress import Progress, no_report
 from session.detect.check_references import with_own_accelerometer
 from session.detect.check_samples import with_bridges
 from session.log.folder import Session, read_session
@@ -73,7 +73,7 @@ def prepared_for(session: Session | Path, options: FitOptions, progress: Progres
 def fit_session(
     session: Session | Path,
     options: FitOptions,
-    progress: Progress = untold,
+    progress: Progress = no_report,
     saved: Path | None = None,
     prepared: Prepared | None = None,
     physics: FitPhysics | None = None,

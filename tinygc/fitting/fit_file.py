@@ -198,21 +198,21 @@ FILE_SHAPE = Keys(
 )
 
 #: figures that the export of a model requires: its held-out closure, the number of turns, and the sensor's noise
-_JUDGED: dict[str, Shape] = {
+_EVALUATED: dict[str, Shape] = {
     "session": Text(),
     "segments": Keys({"used": Number(0, whole=True)}),
     "noise": Keys({"gyro_dps_rthz": _DENSITY, "accel_g_rthz": _DENSITY}),
     "methods": MapOf(Keys({"holdout": Keys({"tilt_rms_deg": _TILT_DEG})})),
 }
 #: ``rebiased.json`` includes the stored calibration as a method, and has no raw rates
-JUDGED, REBIASED = Keys(_JUDGED | {"against_raw": Keys({"tilt_rms_deg": _TILT_DEG})}), Keys(_JUDGED)
+EVALUATED, REBIASED = Keys(_EVALUATED | {"against_raw": Keys({"tilt_rms_deg": _TILT_DEG})}), Keys(_EVALUATED)
 
 
-def read_judged(path: Path, do: str, method: str, *, rebiased: bool = False) -> dict:
+def read_evaluated(path: Path, do: str, method: str, *, rebiased: bool = False) -> dict:
     """Read the figures of a fit that decide whether its model of that method may be exported.  A method that ``fit`` does not have, for
     another program's model, may be absent.  Raises FormatError as ``read_fit``."""
     fit = read_fit(path, do)
-    require(fit, REBIASED if rebiased else JUDGED, str(path), do)
+    require(fit, REBIASED if rebiased else EVALUATED, str(path), do)
     if not rebiased and method in METHODS and method not in fit["methods"]:
         raise FormatError(f"{path}: methods.{method} is missing, expected how well that model closes held-out turns; {do}")
     return fit

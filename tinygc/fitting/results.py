@@ -179,7 +179,7 @@ class FitResult:
             known.append("no method was fitted: ask for least_squares")
         if counted := [log.path.name for log in self.session.logs if looks_counted(log, self.session.config.sensor)]:
             known.append(f"{counted[0]}: the stamps look counted, so the scale common to all axes is not known; give sensor.odr_sigma")
-        known += [f"{w.where}: {w.what}: {w.says}" for w in self.warnings if w.what in DOUBTED]
+        known += [f"{w.where}: {w.what}: {w.description}" for w in self.warnings if w.what in DOUBTED]
         return known + too_good(goodness(self.problem.batch, self.problem.floor, self.linear.linear).p_value)
 
     def verdict(self, limit_deg: float | None = None) -> Acceptance:

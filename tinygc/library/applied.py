@@ -10,8 +10,8 @@ import numpy as np
 
 from session.base import features
 from session.base.errors import CalibrationError
-from session.base.options import records, refuse_beside
-from session.base.progress import Progress, untold
+from session.base.options import records, refuse_with
+from session.base.progress import Progress, no_report
 from session.log.logfile import Log, refuse_calibrated
 from session.log.samples import Samples
 from tinygc.deploy import Beside
@@ -126,12 +126,12 @@ def _apply_to_file(
         if source.exists() and Path(out).exists() and os.path.samefile(source, out):
             raise CalibrationError(f"{out}: is what is read, and nothing is written over it; give out another path")
     beside, *further = records(choices, Beside, *FURTHER)
-    how: dict[str, Any] = {"unit": column_unit(unit), "session": beside.session, "further": further, "progress": progress or untold}
+    how: dict[str, Any] = {"unit": column_unit(unit), "session": beside.session, "further": further, "progress": progress or no_report}
     if table is None and (fused := features.first("use of a model", path, log, Path(out), **how)) is not None:
         return fused
     if log.is_dir():
         raise CalibrationError(f"{log}: cannot be read (it is a folder, expected a log)")
-    refuse_beside(f"{path.name}, the model of one sensor", {}, further)
+    refuse_with(f"{path.name}, the model of one sensor", {}, further)
     done: Applied = apply_model(path, log, Path(out), beside.session, how["unit"], progress, table)
     return done
 

@@ -14,7 +14,7 @@ from session import VERSION
 from session.base.errors import CalibrationError, SegmentError
 from session.base.files import result_folder
 from session.base.options import records
-from session.base.progress import Progress, untold
+from session.base.progress import Progress, no_report
 from session.base.records import plain, write_whole
 from session.base.units import DEG, G
 from session.log.folder import Session, input_hashes
@@ -250,7 +250,7 @@ def rebias(
     earth, closed = records(choices, Earth, Exclude)
     path, table = stored_model(model)
     state = read_state(path) if table is None else UnitState(path, models.from_dict(table, str(path)), table)
-    stored, step = state.model, progress or untold
+    stored, step = state.model, progress or no_report
     stored.with_bias_moved(np.zeros(3))  # fail early for a model whose bias cannot be changed
     where = session_or_folder(session)
     problem = prepare(where, use_earth=earth.earth, exclude=closed.exclude, progress=lambda what: step(what, 0, 3)).problem

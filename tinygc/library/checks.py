@@ -30,7 +30,7 @@ def check(session: Any, **choices: Any) -> list[Finding]:
     Returns
     -------
     list of Finding
-        In the order of the checks: ``level`` (ok, note, warning, error), ``where``, ``what``, ``says``, ``do``.  In a folder, a log
+        In the order of the checks: ``level`` (ok, note, warning, error), ``where``, ``what``, ``description``, ``do``.  In a folder, a log
         that cannot be read is an error among the findings.  For an array, ``where`` begins with the unit's number.
 
     Raises

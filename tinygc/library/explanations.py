@@ -11,8 +11,8 @@ from typing import Any
 from session.base import features
 from session.base.errors import CalibrationError
 from session.base.files import result_folder
-from session.base.options import records, refuse_beside
-from session.base.progress import Progress, untold
+from session.base.options import records, refuse_with
+from session.base.progress import Progress, no_report
 from session.base.records import write_whole
 from session.log.config import read_config, reference_of
 from session.log.folder import Session, read_session
@@ -208,7 +208,7 @@ def explain(
     where = session_or_folder(session)
     others = _others(where, check_on)
     (draws, options, *further) = records(choices, Seed, AtRest, *FURTHER)
-    how = {"seed": draws.seed, "use_earth": options.earth, "noise": options.noise, "progress": progress or untold}
+    how = {"seed": draws.seed, "use_earth": options.earth, "noise": options.noise, "progress": progress or no_report}
     why = _explained(where, further, how)
     checked = []
     for other in others:
@@ -239,7 +239,7 @@ def _explained(where: Session | Path, further: Sequence[Any], how: dict[str, Any
     config = where.config if isinstance(where, Session) else read_config(where / "session.toml")
     reference = reference_of(config.protocol.reference)
     if reference is not None and reference.accelerometer:
-        refuse_beside(f"a {reference.title} as the reference", {}, further)
+        refuse_with(f"a {reference.title} as the reference", {}, further)
         return Why(explain_session(where, **how))
     explanation = explain_session(where, **how)
     beyond = features.first("search beyond the catalogue", explanation, tuple(further), seed=how["seed"], progress=how["progress"])

@@ -12,7 +12,7 @@ import numpy as np
 
 from session.base.errors import FitError
 from session.base.numeric import sigmas_in
-from session.base.progress import Progress, untold
+from session.base.progress import Progress, no_report
 from session.log.config import Config, read_config
 from session.log.folder import Session
 from tinygc.deploy import ExportOptions
@@ -217,7 +217,7 @@ def fit(session: Session | Path | str, options: FitOptions | None = None, *, pro
     """
     where, options = session_or_folder(session), chosen(FitOptions, options, choices)
     if options.physics is None:
-        return Fit(fit_session(where, options, progress or untold), where)
+        return Fit(fit_session(where, options, progress or no_report), where)
     from tinygc.explanation.physics import physics_methods
 
-    return Fit(fit_session(where, options, progress or untold, physics=physics_methods), where)
+    return Fit(fit_session(where, options, progress or no_report, physics=physics_methods), where)

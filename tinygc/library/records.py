@@ -100,7 +100,7 @@ def to_frame(records: Any) -> Any:
     >>> import tinygc
     >>> findings = tinygc.check(tinygc.simulate(segments=12, closure_s=0.0, odr_hz=104.0, seed=1).session)
     >>> list(tinygc.to_frame(findings))
-    ['level', 'where', 'what', 'says', 'do']
+    ['level', 'where', 'what', 'description', 'do']
 
     """
     if callable(own := getattr(records, "to_frame", None)):

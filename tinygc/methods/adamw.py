@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from session.base.errors import FitError, FormatError
-from session.base.progress import Steps, untold
+from session.base.progress import Steps, no_report
 from session.base.records import write_whole
 from session.base.results import Array, Keys, Text, read_required
 from tinygc.estimation.options import Checkpoint, device
@@ -40,7 +40,7 @@ def minimise(
     learning_rate: float,
     identity: list,
     checkpoint: Checkpoint | None = None,
-    progress: Steps = untold,
+    progress: Steps = no_report,
 ) -> tuple[np.ndarray, np.ndarray, list[float]]:
     """Return the last weights, those of the least loss, and the loss before each epoch; identity: arrays and settings to be fingerprinted.
 

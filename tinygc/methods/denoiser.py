@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from session.base.errors import FitError
-from session.base.progress import Steps, untold
+from session.base.progress import Steps, no_report
 from tinygc.closure import residual
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import Batch
@@ -401,7 +401,7 @@ def train_denoiser(
     loss: str = "neighbours",
     *,
     seed: int = 0,
-    progress: Steps = untold,
+    progress: Steps = no_report,
     near: Denoiser | None = None,
     closing: bool = True,
     smoothing: Term | None = None,

@@ -12,7 +12,7 @@ import numpy as np
 from session.base import rotation
 from session.base.errors import FitError
 from session.base.numeric import rms_of
-from session.base.progress import Steps, untold
+from session.base.progress import Steps, no_report
 from tinygc.closure import residual
 from tinygc.closure.least_squares import LinearEnds, Rows, StillRates, fit_least_squares, vague
 from tinygc.closure.problem import Problem
@@ -64,7 +64,7 @@ def train_second_order(
     ties: tuple[float, ...] = TIES,
     begin: LinearModel | None = None,
     ends: Rows | None = None,
-    progress: Steps = untold,
+    progress: Steps = no_report,
 ) -> Training:
     """Train from the linear solution by Levenberg-Marquardt; sigma (S,) rad per angle.
 
@@ -236,7 +236,7 @@ def train_adamw(
     *,
     still_rates: StillRates | None = None,
     checkpoint: Checkpoint | None = None,
-    progress: Steps = untold,
+    progress: Steps = no_report,
 ) -> Training:
     """Train by AdamW from the identity, with a cosine decay.
 

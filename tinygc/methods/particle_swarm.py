@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from session.base.progress import Steps, untold
+from session.base.progress import Steps, no_report
 from session.base.units import DEG
 from tinygc.closure import residual
 from tinygc.closure.least_squares import Nearby, StillRates
@@ -42,7 +42,7 @@ def minimise(
     centre: np.ndarray,
     half_width: np.ndarray,
     rng: np.random.Generator,
-    progress: Steps = untold,
+    progress: Steps = no_report,
 ) -> np.ndarray:
     """Return the best position (D,) found for ``cost``, which maps (P, D) to (P,), from a box around ``centre``."""
     shape = (PARTICLES, len(centre))
@@ -74,7 +74,7 @@ def fit_pso(
     seed: int,
     still_rates: StillRates | None = None,
     prior: LinearModel | None = None,
-    progress: Steps = untold,
+    progress: Steps = no_report,
 ) -> LinearModel:
     """Find the swarm's best linear model from a box around ``start``.
 
@@ -93,7 +93,7 @@ def search(
     seed: int,
     still_rates: StillRates | None = None,
     prior: LinearModel | None = None,
-    progress: Steps = untold,
+    progress: Steps = no_report,
 ) -> tuple[LinearModel, Nearby]:
     """Find the swarm's best linear model from a box, in shares of ``START_BOX``, around a model ``centre``.
 

@@ -185,7 +185,7 @@ def lengths_page(name: str, found: LengthFit, fit: AccelerometerFit) -> Group:
 
 def remarks(result: FitResult) -> list[Text]:
     """Remarks, one per line, as far as they apply."""
-    said = [Text(f"First look: {w.where}: {w.what}: {w.says}; {w.do}", "yellow") for w in result.warnings]
+    said = [Text(f"First look: {w.where}: {w.what}: {w.description}; {w.do}", "yellow") for w in result.warnings]
     if result.nominal_rate is not None:
         said.append(one_line(f"D{result.nominal_rate.doubt[1:]}.", "yellow"))
     said += _noise_words(result)

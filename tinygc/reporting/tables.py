@@ -29,7 +29,7 @@ def finding_lines(findings: list[Finding], everything: bool = False) -> Group:
     for finding in sorted(findings, key=lambda finding: -LEVELS.index(finding.level)):
         if finding.level == "ok" and not everything:
             continue
-        text = f"{finding.where}: {finding.what}: {finding.says}"
+        text = f"{finding.where}: {finding.what}: {finding.description}"
         parts.append(Text.assemble((finding.level, LEVEL_STYLES[finding.level]), "  ", one_line(text)))
         if finding.do:
             parts.append(Text.assemble("    do: ", one_line(finding.do), style="dim"))
@@ -56,7 +56,7 @@ def repair_report(done: Repaired, before: dict[str, Any], after: dict[str, Any])
     parts: list[Part] = []
     for change in done.changes:
         changed = ", ".join([*change.files, *(f"sensor.{key} = {value:g}" for key, value in change.cause.settings)])
-        parts.append(one_line(f"corrected: {change.cause.says} ({changed})"))
+        parts.append(one_line(f"corrected: {change.cause.description} ({changed})"))
     both = (before, after)
     runs = [{run["file"]: run["rmse_deg"] for run in each["runs"]} for each in both]
     rows = [["turns that can be used", *(None if each["why"] else each["turns"] for each in both)]]

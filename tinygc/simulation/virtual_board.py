@@ -11,7 +11,7 @@ import numpy as np
 
 from session.base.errors import CalibrationError, DataError
 from session.base.files import MOST_TOML, read_text
-from session.base.progress import Told, untold
+from session.base.progress import Reporter, no_report
 from session.base.results import write_text_whole
 from session.base.texts import comment
 from session.base.units import DEG, G
@@ -269,7 +269,7 @@ class VirtualBoard:
     uptime_s: float = 0.0
     faults: LineFaults = field(default_factory=LineFaults)
     seed: int = 0
-    report: Told = untold
+    report: Reporter = no_report
     clock: Clock = field(default_factory=Clock)
     sent: int = 0
     starts: int = 0

@@ -178,7 +178,7 @@ def test_what_is_wrong_with_an_array_is_said_in_one_line(named, spoil, says):
     assert "\n" not in str(raised.value)
     (finding,) = check(named)  # which never raises, but says the same
     assert finding.level == "error"
-    assert str(raised.value) in finding.says
+    assert str(raised.value) in finding.description
 
 
 @pytest.mark.parametrize(

@@ -227,7 +227,7 @@ def test_too_few_angles_are_undecided_and_a_broken_file_is_one_line(tilted, tmp_
     assert explained(explanation, 0) is None
     (warning,) = explanation.warnings
     assert (warning.level, warning.what) == ("warning", "table")
-    assert warning.says.startswith("table.csv line 2")
+    assert warning.description.startswith("table.csv line 2")
     path.unlink()
     assert explained(explanation, 0) is None
     assert len(explanation.warnings) == 1

@@ -118,7 +118,7 @@ def test_a_sensor_that_is_put_down_otherwise_is_said():
     tilted = samples.accel.copy()
     tilted[len(tilted) // 2 :] += [0.3, 0.0, 0.0]
     log = rest_from_samples(samples.with_accel(tilted))
-    assert any(f.what == "attitude" and "tilts by" in f.says for f in check_rest(log))
+    assert any(f.what == "attitude" and "tilts by" in f.description for f in check_rest(log))
     assert not any(f.what == "attitude" for f in check_rest(rest_from_samples(samples)))
 
 

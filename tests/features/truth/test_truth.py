@@ -69,7 +69,7 @@ def test_rows_without_an_accelerometer_are_a_note_and_no_clipping():
     findings = check_session(replace(session, logs=(replace(log, samples=log.samples.with_accel(accel)),)))
     said = {finding.what: finding for finding in findings}
     assert said["accelerometer"].level == "note"
-    assert f"{count} of {len(log.samples)} rows" in said["accelerometer"].says
+    assert f"{count} of {len(log.samples)} rows" in said["accelerometer"].description
     assert not [finding for finding in findings if finding.level in ("warning", "error")]
 
 
@@ -107,7 +107,7 @@ def test_check_says_all_that_is_found_and_what_it_says_can_be_kept(tmp_path):
     said = {finding.what: finding for finding in with_aligned_truth(read_session(folder))[1]}
     assert {finding.level for finding in said.values()} == {"note"}
     for what, words in (("clock", "late"), ("frame", "z up (found)"), ("attitudes", "inverse"), ("mounting", "taken off")):
-        assert words in said[f"truth's {what}"].says
+        assert words in said[f"truth's {what}"].description
     keeps = [finding.do.split(" in session.toml")[0].removeprefix("truth.") for finding in said.values()]
     with (folder / "session.toml").open("a") as file:
         file.write("[truth]\n" + "\n".join(keeps) + "\n")
@@ -135,7 +135,7 @@ def test_the_earth_tells_an_accelerometer_that_is_upside_down():
     ):
         said = [finding for finding in prepare(tried).warnings if finding.what == "gravity's sign"]
         assert len(said) == (advice is not None)
-        assert all(advice in finding.do and "as if gravity were upside down" in finding.says for finding in said)
+        assert all(advice in finding.do and "as if gravity were upside down" in finding.description for finding in said)
 
 
 # Arrays, and session.toml.

@@ -127,7 +127,7 @@ def test_a_soft_ceiling_of_the_gyro_is_located_and_the_truths_clock_is_not_accus
     aligned, findings = with_aligned_truth(session)
     (finding,) = [each for each in findings if each.what == "gyro ceiling"]
     assert finding.level == "error"
-    assert finding.says.startswith("x, y, z stay at ±")
+    assert finding.description.startswith("x, y, z stay at ±")
     assert aligned.reference.alignment.ceiling_rps == pytest.approx(60 * DEG, abs=1.0 * DEG)
     assert aligned.reference.alignment.offset_s == pytest.approx(-0.05, abs=3 * aligned.reference.alignment.offset_sigma_s)
     assert aligned.reference.alignment.offset_sigma_s < 2e-4

@@ -8,7 +8,7 @@ from pathlib import Path
 from session.base.options import argument, log_written, option
 from tinygc.cli.arguments import STANDARD, is_standard_output
 from tinygc.cli.options import Command, Force, UsesEffects
-from tinygc.cli.results import beside_log, write_json
+from tinygc.cli.results import print_with_log, write_json
 from tinygc.deploy import Beside
 
 
@@ -39,6 +39,6 @@ def run(args: Options) -> int:
             done = apply(args.model, args.log, out, unit=args.unit, session=args.session, progress=progress, **args.further)
     except BrokenPipeError:  # whoever read the log has enough of it, and nothing else was asked for
         return 0
-    beside_log(args, [done.line, *(f"  {note}" for note in done.notes)], to_stdout)
+    print_with_log(args, [done.line, *(f"  {note}" for note in done.notes)], to_stdout)
     write_json(args.json, done.to_json())
     return 0

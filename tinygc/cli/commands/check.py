@@ -63,7 +63,7 @@ def run(args: Options) -> int:
 
 def _repair(args: Options, out: Path) -> int:
     """Write the corrected copy of a session, and show what it closes to before and after."""
-    args.refuse_beside("--repair", "repair", "cause")
+    args.refuse_with("--repair", "repair", "cause")
     from session.detect.repair import repair
     from tinygc.fitting.fit import closure_of
     from tinygc.reporting.tables import repair_report, verdict_line
@@ -78,7 +78,7 @@ def _repair(args: Options, out: Path) -> int:
 
 def _plan(args: Options, count: int) -> int:
     """Recommend what to record next."""
-    args.refuse_beside("--plan", "plan")
+    args.refuse_with("--plan", "plan")
     from tinygc.library.sessions import plan
 
     found = plan(args.folder, count=count)

@@ -36,7 +36,7 @@ def run(args: Options) -> int:
     args, _ = of_session(args)
     if (code := features.first("explanation of a folder", args)) is not None:
         return code
-    from session.log.siblings import others_beside
+    from session.log.siblings import sibling_sessions
     from tinygc.library.explanations import explain
     from tinygc.reporting.checked_text import checked_page
     from tinygc.reporting.facts import screen
@@ -50,7 +50,7 @@ def run(args: Options) -> int:
     console.print(screen([*why.parts(brief=not args.verbose), *checked_page(why.checked)]))
     for line in (*why.notes, f"written: {folder}"):
         console.print(line)
-    if why.effects and not args.check_on and (others := others_beside(args.folder)):
+    if why.effects and not args.check_on and (others := sibling_sessions(args.folder)):
         names = [os.path.relpath(other) for other in others[:MOST_OFFERED]]
         check = command_line("explain", args.folder, "--check-on", *names)
         offers.append(("or check it on other recordings of this unit:", [check]))

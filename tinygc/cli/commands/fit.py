@@ -82,7 +82,7 @@ def _fit(args: Options, read_as: str = "") -> Done:
 
 def _accelerometer(args: Options) -> Done:
     """Estimate nine parameters of the accelerometer, or as many as the attitudes determine, and write a copy of the session with them."""
-    args.refuse_beside("--accelerometer alone", "accelerometer", "out")
+    args.refuse_with("--accelerometer alone", "accelerometer", "out")
     from tinygc.library.sessions import accelerometer
 
     found = accelerometer(args.folder)
@@ -93,13 +93,13 @@ def _accelerometer(args: Options) -> Done:
     return Done(0, found.to_json(), "the accelerometer alone")
 
 
-def _done(code: int, table: dict, method: str | None, says: str) -> Done:
+def _done(code: int, table: dict, method: str | None, words: str) -> Done:
     """Return the result with the figures of one method."""
     if method is None:
-        return Done(code, table, says)
+        return Done(code, table, words)
     runs = tuple(run[method]["rmse_deg"] for run in table["closure_runs"] if method in run)
     held_out, floor = table["methods"][method]["holdout"]["tilt_rms_deg"], table["noise"]["closure_floor_rms_deg"]
-    return Done(code, table, says, held_out, floor, runs)
+    return Done(code, table, words, held_out, floor, runs)
 
 
 def _require_known(ids: tuple[str, ...] | None) -> None:

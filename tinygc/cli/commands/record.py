@@ -66,7 +66,7 @@ def run(args: Recording) -> int:
 
 def _ports(args: Recording) -> int:
     """List the serial ports, candidates first."""
-    args.refuse_beside("--port list", "port")
+    args.refuse_with("--port list", "port")
     from session.bench.port import known_ports
 
     ports = known_ports()

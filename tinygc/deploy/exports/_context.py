@@ -13,7 +13,7 @@ import numpy as np
 
 from session.base.errors import FormatError
 from session.base.names import log_paths
-from session.base.progress import Told, untold
+from session.base.progress import Reporter, no_report
 from session.base.records import json_text
 from session.base.results import read_json, read_json_text
 from session.base.texts import command_line, printable
@@ -29,7 +29,7 @@ from tinygc.estimation.accelerometer import AccelerometerFit
 from tinygc.estimation.choice import worse_in_table
 from tinygc.estimation.spread import ACCELEROMETER, ZERO
 from tinygc.fitting import bias_of_day
-from tinygc.fitting.fit_file import model_tables, read_judged, to_json
+from tinygc.fitting.fit_file import model_tables, read_evaluated, to_json
 from tinygc.fitting.results import AT_END, FitResult
 from tinygc.fitting.unit_state import spread_of
 from tinygc.models.linear import BIAS
@@ -60,7 +60,7 @@ class Context:
     table: dict
     fit: dict
     hashes: dict[str, str]
-    say: Told = untold
+    say: Reporter = no_report
     temperatures: Callable[[], list[np.ndarray | None]] = list
     noise: NoiseFigures | None = None
     inflation: Inflation | None = None
@@ -151,7 +151,7 @@ class Context:
 def read_context(
     folder: Path,
     options: ExportOptions,
-    say: Told,
+    say: Reporter,
 ) -> tuple[Model | None, Context]:
     """Return ``(model, Context)`` of a fitted session, of a folder with noise figures alone, or of a file of noise figures; model: None
     where there are only figures.
@@ -191,7 +191,7 @@ def read_context(
 def context_of_fit(
     result: FitResult,
     options: ExportOptions,
-    say: Told,
+    say: Reporter,
 ) -> tuple[Model, Context]:
     """Return the same of a fit that need not lie in a folder; model: one of its own, least squares by default; noise: none by default.
 
@@ -236,7 +236,7 @@ def _noise_file(source: Path) -> Path | None:
     return next((path for path in (source / "fit" / figures.FILE, source / figures.FILE) if path.exists()), None)
 
 
-def _context_of_noise(source: Path, inflation: str | None, say: Told) -> Context:
+def _context_of_noise(source: Path, inflation: str | None, say: Reporter) -> Context:
     """Context of noise figures without a session: sensor, serial and data rate are those of the file."""
     path = _noise_file(source) or source
     found = figures.read_figures(path)
@@ -284,7 +284,7 @@ def _with_noise(context: Context, source: NoiseSource, inflation: str | None) ->
 # A model that may leave.
 
 
-def _say_of_physics(there: set[str], say: Told, option: str = "--model {}") -> None:
+def _say_of_physics(there: set[str], say: Reporter, option: str = "--model {}") -> None:
     """Say which model with physics the fit has, where nobody has asked for a model; there: names of its models; option: that takes one."""
     if "physics" in there:
         ended = AT_END if f"physics{AT_END}" in there else ""
@@ -299,7 +299,7 @@ def _refuse_session_time(model: Model, path: Path, option: str = "--model {}") -
         )
 
 
-def _judge(name: str, fit: dict, judged: str, say: Told, anyway: bool, option: str = "--anyway") -> None:
+def _judge(name: str, fit: dict, judged: str, say: Reporter, anyway: bool, option: str = "--anyway") -> None:
     """Raise ExportError for a model that closes held-out segments worse than raw rates, or say so; fit: its figures; option: to insist."""
     if worse := worse_in_table(fit, judged):
         by = "by no number that fit.json knows" if isinf(worse[0]) else f"with {worse[0]:.4g} deg"
@@ -325,4 +325,4 @@ def _fit_beside(path: Path, method: str, again: str) -> dict:
     """Return the fit of a model: ``rebiased.json`` for one with a re-estimated bias, else ``fit.json``; empty where missing."""
     names = (bias_of_day.FIGURES, "fit.json") if path.name == bias_of_day.MODEL else ("fit.json",)
     beside = next((path.parent / name for name in names if (path.parent / name).exists()), None)
-    return {} if beside is None else read_judged(beside, again, method, rebiased=beside.name == bias_of_day.FIGURES)
+    return {} if beside is None else read_evaluated(beside, again, method, rebiased=beside.name == bias_of_day.FIGURES)

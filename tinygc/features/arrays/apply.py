@@ -13,7 +13,7 @@ import numpy as np
 
 from session.base.errors import DataError, FormatError
 from session.base.numeric import decimal_rows, nearest_row
-from session.base.progress import Progress, untold
+from session.base.progress import Progress, no_report
 from session.base.units import DEG, NS
 from session.log.folder import sha256_of
 from tinygc.deploy.apply import DECIMALS, Applicable, Applied, LogSource, columns_of, opened
@@ -160,7 +160,7 @@ def apply_array(
     out: Path,
     which: str | None = None,
     unit: str = "rps",
-    progress: Progress = untold,
+    progress: Progress = no_report,
 ) -> ArrayApplied:
     """Fuse one log of an array's folder; which: its name without the unit, needed where there are several.
 

@@ -12,7 +12,7 @@ import numpy as np
 from session import VERSION
 from session.base.errors import CalibrationError, DataError
 from session.base.files import result_folder
-from session.base.progress import Progress, untold
+from session.base.progress import Progress, no_report
 from session.base.records import plain, write_whole
 from session.base.texts import printable
 from session.base.units import DEG, NS
@@ -212,7 +212,7 @@ def explain_array(
     seed: int = 0,
     use_earth: bool = True,
     on: Sequence[ArraySession] = (),
-    progress: Progress = untold,
+    progress: Progress = no_report,
 ) -> ArrayShown:
     """Fit the array, explain each unit as a session of its own, and state of each effect whether units share it, by their evidence.
 

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from session import VERSION
 from session.base.files import result_folder
 from session.base.numeric import rms_of, sigmas_in
-from session.base.progress import Told, untold
+from session.base.progress import Reporter, no_report
 from session.base.records import in_unit, plain, write_whole
 from session.base.units import DEG, DEG_PER_HOUR, NS, G
 from session.log.config import Accelerometer
@@ -206,7 +206,7 @@ def fit_array(
     bias: str = "auto",
     use_earth: bool = True,
     accelerometer: str = "auto",
-    progress: Told = untold,
+    progress: Reporter = no_report,
 ) -> ArrayFit:
     """Estimate all units jointly.
 
@@ -269,7 +269,7 @@ def missed_between(units: list[ArrayUnit], same: SameStills) -> np.ndarray:
 
 
 def _by_bias(
-    units: list[ArrayUnit], same: SameStills, missed: np.ndarray, bias: str, use_earth: bool, progress: Told
+    units: list[ArrayUnit], same: SameStills, missed: np.ndarray, bias: str, use_earth: bool, progress: Reporter
 ) -> tuple[str, float | None, Joint]:
     """Return the biases' source, the p-value of the stills' advantage, and the estimate with that source."""
     names = ("ends", "stills") if bias == "auto" else (bias,)

@@ -11,7 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
-from session.base.progress import Told, untold
+from session.base.progress import Reporter, no_report
 from session.base.units import NS
 from tinygc.closure.joint import GRAVITY_SIGMA_MPS2, KNOWN_MPS2
 from tinygc.features.arrays.events import ArrayEvent, blocks_of, candidates, worst_of_each_turn
@@ -93,7 +93,7 @@ def estimate(
     bias: str = "ends",
     alone: bool = False,
     use_earth: bool = True,
-    progress: Told = untold,
+    progress: Reporter = no_report,
 ) -> Joint:
     """Estimate all units jointly.
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from session.base.errors import CalibrationError
-from session.base.progress import Progress, untold
+from session.base.progress import Progress, no_report
 from session.detect.findings import Finding
 from session.log.folder import Session
 from tinygc.features.arrays.apply import apply_array
@@ -42,7 +42,7 @@ class Array:
         places of the units in SI, ``summary()``, ``save(folder)``, ``to_json()``.  Raises CalibrationError for data that cannot be fitted.
         """
         how: dict[str, Any] = {"bias": bias, "accelerometer": accelerometer, "use_earth": earth}
-        return fit_array(self.session, **how, progress=lambda what: (progress or untold)(what, 0, 1))
+        return fit_array(self.session, **how, progress=lambda what: (progress or no_report)(what, 0, 1))
 
     @public()
     def explain(self, *, seed: int = 0, earth: bool = True, check_on: Sequence[Any] = (), progress: Progress | None = None) -> Any:
@@ -53,7 +53,7 @@ class Array:
         that cannot be explained.
         """
         others = [(each if isinstance(each, Array) else array(each)).session for each in check_on]
-        return explain_array(self.session, seed=seed, use_earth=earth, on=others, progress=progress or untold)
+        return explain_array(self.session, seed=seed, use_earth=earth, on=others, progress=progress or no_report)
 
     @public()
     def apply(
@@ -70,7 +70,7 @@ class Array:
         model: the array's model file, as its fit saves it; which: the log, of several; unit: of the rates in the log, rad/s or dps.
         Returns an ArrayApplied: ``rows``, ``used``, ``events``, ``notes``.
         """
-        return apply_array(Path(model), self.session.folder, Path(out), which, column_unit(unit), progress or untold)
+        return apply_array(Path(model), self.session.folder, Path(out), which, column_unit(unit), progress or no_report)
 
 
 @public()

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from session.base.errors import CalibrationError, FormatError
 from session.base.names import CLOCKS
-from session.base.options import changed, given, record_in, refuse_beside
+from session.base.options import changed, given, record_in, refuse_with
 from session.base.progress import Progress
 from session.base.results import read_json
 from session.base.texts import command_line
@@ -115,7 +115,7 @@ def import_logs(
         "--topic": answers.topic,
         "--even": answers.even,
     }
-    refuse_beside("--array-by", others, [each for each in further if each is not own])
+    refuse_with("--array-by", others, [each for each in further if each is not own])
     return import_array(paths, out, answers, own.array_by, columns)
 
 
@@ -159,7 +159,7 @@ def fit(args: Any) -> Done | None:
     from tinygc.reporting.terminal import progress_bar
 
     what = f"{args.folder}, an array, whose units are all fitted by least squares together"
-    args.refuse_beside(what, *USED, "out", "limit_deg", "strict", "verbose", otherwise=OTHERWISE)
+    args.refuse_with(what, *USED, "out", "limit_deg", "strict", "verbose", otherwise=OTHERWISE)
     try_destinations(args.out or inside(args.folder, "fit"), args.json)
     with progress_bar(args.quiet) as progress:
         found = _read(args.folder, progress).fit(**{name: getattr(args, name) for name in USED}, progress=progress)
@@ -183,7 +183,7 @@ def explain(args: Any) -> int | None:
     from tinygc.reporting.terminal import progress_bar
 
     used = ("check_on", "out", "strict", "pictures", "seed", "earth")
-    args.refuse_beside(f"{args.folder}, an array", *used, otherwise=OTHERWISE)
+    args.refuse_with(f"{args.folder}, an array", *used, otherwise=OTHERWISE)
     try_destinations(args.out or inside(args.folder, "explain"), args.json)
     with progress_bar(args.quiet) as progress:
         others = [_read(each, progress) for each in args.check_on]

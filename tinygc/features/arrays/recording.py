@@ -16,7 +16,7 @@ import numpy as np
 from session.base.errors import CalibrationError, DataError, FormatError
 from session.base.files import require_file
 from session.base.names import log_paths
-from session.base.progress import Told, untold
+from session.base.progress import Reporter, no_report
 from session.base.results import Keys, require, shown
 from session.base.texts import printable
 from session.base.toml import read_toml
@@ -67,7 +67,7 @@ LEAST_UNITS = 2
 BEGINS = 1000
 
 
-def read_array(folder: Path | str, progress: Told = untold) -> ArraySession:
+def read_array(folder: Path | str, progress: Reporter = no_report) -> ArraySession:
     """Read a whole array.  ``progress`` is called with each file's name.
 
     Raises FormatError or DataError, naming file and line, for what the format does not allow; stamps stay as each unit's clock gave them.
@@ -100,7 +100,7 @@ def array_of(units: Sequence[Session], name: str = "array") -> ArraySession:
     return _checked(Path(name), dict(enumerate(units)))
 
 
-def _by_names(folder: Path, path: Path, table: dict, section: dict, progress: Told) -> dict[int, Session]:
+def _by_names(folder: Path, path: Path, table: dict, section: dict, progress: Reporter) -> dict[int, Session]:
     """Units whose logs lie in this folder, log0001.unit0.csv and so on."""
     paths = {stem: log_paths(folder, stem) for stem in ("log", "closure", "rest")}
     alone = [each for each in (*paths["log"], *paths["closure"]) if unit_of(each) is None]
@@ -202,7 +202,7 @@ def _log_of_unit(path: Path, logs: Sequence[Path], first: bool, numbers: Sequenc
     return None
 
 
-def _by_folders(folder: Path, path: Path, table: dict, section: dict, progress: Told) -> dict[int, Session]:
+def _by_folders(folder: Path, path: Path, table: dict, section: dict, progress: Reporter) -> dict[int, Session]:
     """Units that have a session folder each, inside this one or next to it."""
     names = section[FOLDERS]
     if not isinstance(names, list) or not names or not all(isinstance(name, str) for name in names):
@@ -236,7 +236,7 @@ def _by_folders(folder: Path, path: Path, table: dict, section: dict, progress: 
     return {**units, min(units): replace(first, config=own)}
 
 
-def _report(progress: Told, name: str, what: str) -> None:
+def _report(progress: Reporter, name: str, what: str) -> None:
     progress(f"{name}/{what}")
 
 

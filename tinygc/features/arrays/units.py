@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from session.base.errors import CalibrationError, FitError
-from session.base.progress import Told, untold
+from session.base.progress import Reporter, no_report
 from session.base.units import NS
 from session.detect.segments import moments_of
 from session.detect.stills import Still
@@ -63,7 +63,7 @@ def prepare_units(
     *,
     use_earth: bool = True,
     accelerometer: str = AUTO,
-    progress: Told = untold,
+    progress: Reporter = no_report,
 ) -> tuple[list[ArrayUnit], dict[int, str]]:
     """Prepare each unit's problem; of those without one the reason, by number.
 

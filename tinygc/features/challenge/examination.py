@@ -16,7 +16,7 @@ import numpy as np
 
 from session.base import results
 from session.base.errors import CalibrationError, DataError
-from session.base.progress import Progress, untold
+from session.base.progress import Progress, no_report
 from session.base.records import Size
 from session.base.texts import significant
 from session.base.units import G
@@ -262,7 +262,7 @@ def _own_names(untouched: dict) -> set[str]:
     return own | ({DELAY} if abs(gravity["offset_s"]) > DELAY_SIGMAS * gravity["offset_std_s"] else set())
 
 
-def examine(count: int, seed: int, on: Path | None = None, *, progress: Progress = untold) -> Examination:
+def examine(count: int, seed: int, on: Path | None = None, *, progress: Progress = no_report) -> Examination:
     """Conceal effects in ``count`` simulated sessions, or in copies of the recording ``on``, and explain each blind."""
     rng, host, own, pool = np.random.default_rng(seed), None, set(), sorted(MAKERS)
     if on is not None:

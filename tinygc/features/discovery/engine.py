@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from session.base.progress import Progress, Told, untold
+from session.base.progress import Progress, Reporter, no_report
 from tinygc.effects import Effect, Movement, catalogue
 from tinygc.explanation.claims import readable
 from tinygc.explanation.engine import Explanation
@@ -64,7 +64,7 @@ MOST_RUNNERS_UP = 4
 SETTLED_S = 0.1
 
 
-def answer(explanation: Explanation, searched: SearchState, progress: Told) -> Discovery:
+def answer(explanation: Explanation, searched: SearchState, progress: Reporter) -> Discovery:
     """The result of a search."""
     first = searched.rounds[0].screening
     common: dict[str, Any] = {
@@ -370,7 +370,7 @@ def discover(
     explanation: Explanation,
     *,
     seed: int = 0,
-    progress: Progress = untold,
+    progress: Progress = no_report,
 ) -> Discovery:
     """Search a session's residuals for the missing equation; the explanation lists the catalogue's effects.
 

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from session.base.numeric import rms_of, running_sum
-from session.base.progress import Progress, untold
+from session.base.progress import Progress, no_report
 from tinygc.features.discovery.form import LawForm
 from tinygc.features.discovery.law_effect import added, as_effect, left_by_calibration
 from tinygc.features.discovery.projections import FAINT, Projection, basis_of, equivalent_forms, leaders, price_of, promise, seen_directions
@@ -144,7 +144,7 @@ def passed(
     responses: Responses,
     projections: Sequence[Projection],
     targets: Sequence[np.ndarray],
-    progress: Progress = untold,
+    progress: Progress = no_report,
 ) -> Iterator[Passed]:
     """Every form with finite columns that are not all zero, in each projection; targets (m, T): of each projection."""
     matrices = [projection.matrix() for projection in projections]
@@ -373,7 +373,7 @@ def screened(
     projections: Sequence[tuple[Whitener, Refit]],
     seed: int,
     draws: int = DRAWS,
-    progress: Progress = untold,
+    progress: Progress = no_report,
 ) -> Screening:
     """Screen all forms in each projection (whiten, fit), which share the signals of one replay.
 

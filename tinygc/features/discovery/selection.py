@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from session.base.numeric import sigmas_in
-from session.base.progress import Told
+from session.base.progress import Reporter
 from tinygc.effects import Effect, Movement
 from tinygc.explanation.evidence import Evidence, Hypothesis
 from tinygc.explanation.search import rewhitened
@@ -252,7 +252,9 @@ class SearchRound:
     tried: list[Effect]
 
 
-def with_a_form(evidence: FormEvidence, forms: Sequence[LawForm], bases: Sequence[Hypothesis], seed: int, progress: Told) -> SearchRound:
+def with_a_form(
+    evidence: FormEvidence, forms: Sequence[LawForm], bases: Sequence[Hypothesis], seed: int, progress: Reporter
+) -> SearchRound:
     """The best hypothesis with one form more than one of the bases, of which the last is the most probable."""
     whitens = [(base, whiten) for base in bases for whiten in (evidence.first_whiten, base.whiten)]
     projections = [(whiten, rewhitened(base, whiten)) for base, whiten in whitens]

@@ -101,7 +101,7 @@ def run(args: Options) -> int:
     computes = bool(args.folders) or args.listed is not None
     if args.lot:
         of_run = ("listed", *(each.name for each in fields(Run) if each.name != "limit_deg")) if computes else ()
-        args.refuse_beside("--lot", "lot", "out", "model", "strict", "force", *of_run)
+        args.refuse_with("--lot", "lot", "out", "model", "strict", "force", *of_run)
     tally = _computed(args) if computes else None
     if args.lot:
         return _lot(args)

@@ -364,7 +364,7 @@ def _kept_findings(row: Row, folder: Path, findings: list[Finding]) -> None:
     worth = sorted((finding for finding in findings if finding.level in ("warning", "error")), key=lambda each: each.level)
     kept = [
         {"level": each.level, "where": "session" if each.where == name else each.where, "what": each.what}
-        | {"description": _without_folder(each.says, folder), "advice": _without_folder(each.do, folder)}
+        | {"description": _without_folder(each.description, folder), "advice": _without_folder(each.do, folder)}
         for each in worth[:MOST_FINDINGS]
     ]
     row |= {"first_look": worst(findings), "findings": cell_of(kept)}

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.special import chdtrc, gammaincinv
 
 from session.base.errors import DataError
-from session.base.progress import Progress, untold
+from session.base.progress import Progress, no_report
 from session.detect.rest_noise import FEWEST, lines_of, spectra
 from tinygc.features.noise.choice import FILTER, UNSEEN, Chosen, Search, cost, stacked, stacks_of, unit_covariance
 from tinygc.features.noise.scales import TOP, Group, groups_of, knots_of, left_out, rest_of, temperature_part, unsteady
@@ -50,7 +50,7 @@ class NoiseEstimate(NamedTuple):
     left_out_s: float
 
 
-def estimate_noise(sums: Sequence[RestSums], progress: Progress = untold) -> NoiseEstimate:
+def estimate_noise(sums: Sequence[RestSums], progress: Progress = no_report) -> NoiseEstimate:
     """Estimate the terms of one unit from all its rest logs and stills.
 
     Raises DataError where the rates differ, or where no rest is long enough.

@@ -19,7 +19,7 @@ from session.base.errors import DataError, FormatError
 from session.base.files import open_file, require_file
 from session.base.names import has_recorded_name, log_paths, refuse_special
 from session.base.numeric import median_length
-from session.base.progress import Progress, untold
+from session.base.progress import Progress, no_report
 from session.base.rotation import angle_between
 from session.base.texts import command_line, printable
 from session.base.units import DEG
@@ -87,7 +87,7 @@ class Rests:
         self.sensor, self.serial, self.rate_hz = self.sensor or sensor, self.serial or serial, self.rate_hz or rate_hz
 
 
-def read_inputs(inputs: Sequence[Input], sensor: str = "", serial: str = "", progress: Progress = untold) -> Rests:
+def read_inputs(inputs: Sequence[Input], sensor: str = "", serial: str = "", progress: Progress = no_report) -> Rests:
     """Read all inputs of one unit; sensor, serial: of which it is given to be.
 
     Raises FormatError and DataError, in one line, for what cannot be read, for logs of two units or data rates, for a recording that is

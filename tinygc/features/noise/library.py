@@ -9,7 +9,7 @@ from typing import Annotated, Any, ClassVar
 
 from session import VERSION
 from session.base.errors import CalibrationError
-from session.base.progress import Progress, untold
+from session.base.progress import Progress, no_report
 from session.base.records import Key, Size, table_of
 from session.base.results import Keys, Maybe, Number
 from session.log.folder import Session
@@ -138,7 +138,7 @@ def estimate_noise(logs: Any = None, *, progress: Progress | None = None, **choi
     options = NoiseOptions(**choices)
     if options.curve is None:
         inputs = [_input(each) for each in (logs if isinstance(logs, list) else [logs])]
-        return noise_of(inputs, options.sensor, options.serial, progress or untold)
+        return noise_of(inputs, options.sensor, options.serial, progress or no_report)
     if logs is not None:
         raise CalibrationError("estimate_noise: give logs or curve, not both")
     figures, remarks = estimate_of_curve(options.curve, options.curve_units, options.duration_s, options.odr_hz)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from session.base.errors import CalibrationError
 from session.base.options import argument, file_written, option
-from session.base.progress import Told
+from session.base.progress import Reporter
 from session.base.texts import command_line, printable
 from session.base.units import DEG
 from tinygc.cli.arguments import is_standard_output
@@ -89,7 +89,7 @@ def run(args: Options) -> int:
         given = f"; it has {len(args.words)} words" if args.words else ""
         raise CalibrationError(f"table {args.action}: expected {' '.join((args.action, *words))}{given}")
     if args.action in ("list", "new"):
-        args.refuse_beside(f"table {args.action}", *(("axes",) if args.action == "new" else ()))
+        args.refuse_with(f"table {args.action}", *(("axes",) if args.action == "new" else ()))
         from tinygc.features.tables.machines.makes import makes, template
 
         stated = {"schema": SCHEMA, "action": args.action}
@@ -245,7 +245,7 @@ def _confirm(args: Options, question: str) -> bool:
     return args.yes or ask_person(f"{question} [y/N]", f"table {args.action}: not confirmed; nothing was moved")
 
 
-def _printer(args: Options) -> Told:
+def _printer(args: Options) -> Reporter:
     """Prints to standard error; a plan is shown even with --quiet where it has to be confirmed."""
     quiet = args.quiet and args.yes
     return lambda text: None if quiet else print(printable(text), file=sys.stderr, flush=True)

@@ -8,7 +8,7 @@ from typing import Any
 
 from session.base.errors import FitError, FormatError
 from session.base.names import log_paths
-from session.base.progress import Progress, untold
+from session.base.progress import Progress, no_report
 from session.base.texts import printable
 from session.log.config import read_config
 from session.log.folder import file_key, input_hashes, read_session, refuse_same, sha256_of
@@ -48,7 +48,7 @@ def fit_temperature(folders: Path | str | Sequence[Path | str], *, progress: Pro
     >>> thermal.model(raw, temp=celsius)  # (N, 3) rad/s from (N, 3) rad/s and (N,) degC  # doctest: +SKIP
 
     """
-    progress, most_order = progress or untold, ThermalOptions(**choices).most_order
+    progress, most_order = progress or no_report, ThermalOptions(**choices).most_order
     paths = [Path(folder) for folder in ([folders] if isinstance(folders, Path | str) else folders)]
     sensors = [read_config(folder / "session.toml").sensor for folder in paths]
     for folder, sensor in zip(paths[1:], sensors[1:], strict=True):

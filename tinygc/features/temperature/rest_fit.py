@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from session.base.errors import DataError
-from session.base.progress import Progress, untold
+from session.base.progress import Progress, no_report
 from session.detect.check_stills import check_rest
 from session.detect.events import knocked
 from session.detect.findings import Finding, stop_at_errors
@@ -145,7 +145,7 @@ class RestFit:
 def fit_rests(
     logs: Sequence[RestLog],
     orders: tuple[int, ...] = ORDERS,
-    progress: Progress = untold,
+    progress: Progress = no_report,
 ) -> RestFit:
     """Fit one sensor's rest logs together.  Raises DataError for a log that is not a rest log, or where only some have temperatures."""
     findings = [finding for log in logs for finding in check_rest(log)]

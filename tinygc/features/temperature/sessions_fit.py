@@ -11,7 +11,7 @@ from scipy.special import chdtrc
 
 from session.base.errors import FitError
 from session.base.numeric import sigmas_in
-from session.base.progress import Progress, untold
+from session.base.progress import Progress, no_report
 from session.log.config import Accelerometer
 from session.log.folder import Session
 from session.log.logfile import Log
@@ -70,7 +70,7 @@ class _SessionPoint:
     accelerometer: Accelerometer = field(default_factory=lambda: Accelerometer(source="none"))
 
 
-def point_of(session: Session, shape: ThermalModel | None, progress: Progress = untold) -> _SessionPoint:
+def point_of(session: Session, shape: ThermalModel | None, progress: Progress = no_report) -> _SessionPoint:
     """Fit one session by least squares; shape: zero over temperature from rest logs, which refers readings to the mean temperature.
 
     Raises FitError where a log has no temperature, and the errors of a fit.

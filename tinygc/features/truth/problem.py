@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from session.base.errors import SegmentError
-from session.base.progress import Told, untold
+from session.base.progress import Reporter, no_report
 from session.base.units import DEG
 from session.detect.segments import Segment, without_excluded
 from session.detect.stills import LogStills, Noise, SessionStills
@@ -45,7 +45,7 @@ def build_truth_problem(
     *,
     use_earth: bool = True,
     exclude: tuple[int, ...] = (),
-    progress: Told = untold,
+    progress: Reporter = no_report,
 ) -> Problem:
     """As ``build_problem``.  Raises SegmentError (too few segments) and DataError (truth and log do not share their times)."""
     logs: list[StillSet] = []

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from session.base.errors import FormatError
 from session.base.features import Feature
-from session.base.options import Record, option, record_in, refuse_beside
+from session.base.options import Record, option, record_in, refuse_with
 from session.base.texts import command_line
 from tinygc.features.turns import TURNS
 
@@ -70,7 +70,7 @@ def import_logs(
     from tinygc.features.turns.importing import import_turns
 
     others: dict[str, object] = {"--add": add, "--even": answers.even}
-    refuse_beside("--turns", others, [each for each in further if each is not own])
+    refuse_with("--turns", others, [each for each in further if each is not own])
     return import_turns(paths, out, answers, own.turns, columns, serial)
 
 
@@ -83,7 +83,7 @@ def fit(args: Any) -> Done | None:
     from tinygc.features.turns.result import MODEL
     from tinygc.reporting.terminal import progress_bar
 
-    args.refuse_beside("a gyroscope alone, which has no closure", "out", "verbose")
+    args.refuse_with("a gyroscope alone, which has no closure", "out", "verbose")
     try_destinations(args.out or inside(args.folder, "fit"), args.json)
     with progress_bar(args.quiet) as progress:
         result = fit_turns(args.folder, progress=progress)

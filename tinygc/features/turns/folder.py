@@ -16,7 +16,7 @@ import numpy as np
 from session.base.errors import DataError, FormatError
 from session.base.files import folder_whole, require_empty, require_file, write_new
 from session.base.names import log_paths
-from session.base.progress import untold
+from session.base.progress import no_report
 from session.base.texts import printable
 from session.base.toml import Note, section_text, setting, toml_line
 from session.base.units import DEG, NS_PER_S
@@ -49,7 +49,7 @@ def read_turn_session(folder: Path | str) -> Session:
     turns = read_known_turns(folder / NAME, [path.name for path in paths])
     for turn in turns:
         sensor_axis(turn)
-    return replace(read_logs(folder, config, paths, (), (), untold, gyro_alone=True), turns=turns)
+    return replace(read_logs(folder, config, paths, (), (), no_report, gyro_alone=True), turns=turns)
 
 
 def sensor_axis(turn: KnownTurn) -> tuple[int, int]:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from session.base.errors import FitError
-from session.base.progress import Progress, untold
+from session.base.progress import Progress, no_report
 from session.log.folder import Session, input_hashes
 from tinygc.features.turns import TURNS
 from tinygc.features.turns.angles import measured_turns
@@ -46,7 +46,7 @@ def fit_turns(session: Session | Path | str, *, progress: Progress | None = None
     >>> turned.scales[0].value, turned.scales[0].sigma  # doctest: +SKIP
 
     """
-    progress = progress or untold
+    progress = progress or no_report
     if not isinstance(session, Session):
         session = read_turn_session(session)
     elif session.config.protocol.reference != TURNS:

@@ -309,7 +309,7 @@ def lost_words(fit: TurnFit, number: int) -> str:
     """What is known of a turn that is lost, or may be: its miss, its probability, and what could be the cause."""
     angle, estimate = fit.angles[number], fit.estimate
     miss, sigma, lost = (float(values[number]) for values in (estimate.residual_rad, estimate.predicted_rad, estimate.lost))
-    name = f"{angle.turn.name} ({angle.turn.says})"
+    name = f"{angle.turn.name} ({angle.turn.description})"
     sure = "above 0.9999" if lost > 0.9999 else significant(lost, 2)
     if not np.isfinite(miss):
         return f"{name}: reads {degrees(angle.measured_rad)}, and no turn of its axis and sense is good"
@@ -331,7 +331,7 @@ def remarks(fit: TurnFit) -> list[str]:
     estimate = fit.estimate
     named = [not used or lost > 0.5 for used, lost in zip(estimate.used, estimate.lost, strict=True)]
     lines = [lost_words(fit, i) for i, angle in enumerate(fit.angles) if angle.problem is None and named[i]]
-    lines += [f"{angle.turn.name} ({angle.turn.says}): not used: {angle.problem}" for angle in fit.angles if angle.problem]
+    lines += [f"{angle.turn.name} ({angle.turn.description}): not used: {angle.problem}" for angle in fit.angles if angle.problem]
     turned = {axis: [sense for other, sense in estimate.groups if other == axis] for axis in range(3)}
     if still := [name for axis, name in enumerate("xyz") if not turned[axis]]:
         lines.append(f"scale of {', '.join(still)}: not known, no turn about it")

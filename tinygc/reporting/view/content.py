@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from session.base.errors import CalibrationError
-from session.base.progress import Progress, untold
+from session.base.progress import Progress, no_report
 from session.base.texts import printable
 from session.base.units import DEG, NS
 from session.detect.check_references import with_own_accelerometer
@@ -53,7 +53,7 @@ class Closure:
     warnings: tuple[str, ...]
 
     @classmethod
-    def of(cls, session: Session, progress: Progress = untold) -> Closure:
+    def of(cls, session: Session, progress: Progress = no_report) -> Closure:
         """By least squares, as ``fit`` does it.  Raises its errors."""
         options = FitOptions(methods=(METHOD,))
         prepared = prepared_for(session, options, progress)
@@ -236,7 +236,7 @@ class _Clock:
         return round(float((self.t_ns[row] - self.t_ns[0]) * NS + self.began_s), 6)
 
 
-def fitted(recording: Recording, progress: Progress = untold) -> tuple[Closure | None, str]:
+def fitted(recording: Recording, progress: Progress = no_report) -> tuple[Closure | None, str]:
     """The closure of a recording; or None, and why not."""
     try:
         return Closure.of(recording.session, progress), ""

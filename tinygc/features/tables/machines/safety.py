@@ -29,7 +29,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from session.base.errors import CalibrationError
-from session.base.progress import Told
+from session.base.progress import Reporter
 from session.base.texts import printable
 from session.base.units import DEG
 from session.bench.clocks import Clock
@@ -203,7 +203,7 @@ class Guarded:
         begins = self._table.begins and f"before the first move it is sent: {self._table.begins}"
         return [*filter(None, (begins, self._table.warning))]
 
-    def confirm(self, moves: Sequence[Move], ask: Callable[[str], bool] | None, show: Told) -> None:
+    def confirm(self, moves: Sequence[Move], ask: Callable[[str], bool] | None, show: Reporter) -> None:
         """Show a plan, check it against the limits, and have it confirmed; ask None: somebody confirmed it already (``--yes``).
 
         Raises TableLimit for a plan beyond the limits, here or by the controller's own settings, for one of angles that are lost, and where

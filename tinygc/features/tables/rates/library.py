@@ -11,7 +11,7 @@ import numpy as np
 
 from session import VERSION
 from session.base.errors import CalibrationError, FormatError
-from session.base.progress import Progress, untold
+from session.base.progress import Progress, no_report
 from session.base.texts import NONE, measured, printable, probability, significant
 from tinygc.features.tables.feature import Columns
 from tinygc.features.tables.rates.choice import RIVAL, Choice, HeldOut, choose
@@ -350,7 +350,7 @@ def estimate_rates(source: Any, *, sigma: Any = None, progress: Progress | None 
     'line'
 
     """
-    columns, notify = Columns(**choices), progress or untold
+    columns, notify = Columns(**choices), progress or no_report
     points, responses, remarks = list[Points](), list[Response](), list[str]()
     if not is_path(source):
         if not (isinstance(source, tuple) and len(source) == 2):

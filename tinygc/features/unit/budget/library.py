@@ -13,7 +13,7 @@ import numpy as np
 from session import VERSION
 from session.base.errors import CalibrationError
 from session.base.options import records
-from session.base.progress import Progress, untold
+from session.base.progress import Progress, no_report
 from session.base.records import plain
 from session.base.texts import NONE, command_line, measured, printable, significant
 from session.log.folder import Session
@@ -137,7 +137,7 @@ class UncertaintyBudget(Kept):
         return facts.page("Uncertainty budget", self.name, sections, foot)
 
 
-def budget_of_fit(result: FitResult, use: BudgetOptions, progress: Progress = untold) -> UncertaintyBudget:
+def budget_of_fit(result: FitResult, use: BudgetOptions, progress: Progress = no_report) -> UncertaintyBudget:
     """The budget of a fit.
 
     Raises CalibrationError for a name that is none, for a motion that cannot be read, and for draws of a fit whose errors cannot be drawn.
@@ -196,7 +196,7 @@ def budget(session: Session | Path | str, *, progress: Progress | None = None, *
 
     """
     use, options = records({"methods": ("least_squares",)} | choices, BudgetOptions, FitOptions)
-    report = progress or untold
+    report = progress or no_report
     found = session.result if is_fit(session) else fit_session(session_or_folder(session), options, report)  # type: ignore[union-attr]
     return budget_of_fit(found, use, report)
 

@@ -51,7 +51,7 @@ def run(args: Options) -> int:
 
 def _compare(args: Options) -> int:
     """Compare the calibrations of several sessions."""
-    args.refuse_beside("--compare", "compare", "bias")
+    args.refuse_with("--compare", "compare", "bias")
     from tinygc.features.unit.history.comparison import compare, verdict_line
 
     found = compare(args.sessions, bias=args.bias)

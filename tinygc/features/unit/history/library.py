@@ -11,7 +11,7 @@ import numpy as np
 
 from session import VERSION
 from session.base.errors import CalibrationError
-from session.base.progress import Progress, untold
+from session.base.progress import Progress, no_report
 from session.base.records import in_unit, plain, table_of
 from session.base.units import DEG
 from tinygc.estimation.session_times import Moment, parsed
@@ -214,7 +214,7 @@ def history(sessions: Path | str | Sequence[Path | str], *, dates: Any = None, p
     requirements = [*([parse_accuracy(options.accuracy)] if options.accuracy else []), *map(parse_limit, options.require)]
     moments = read_dates(Path(dates)) if is_path(dates) else {name: _moment(name, when) for name, when in (dates or {}).items()}
     today = None if options.today is None else _moment("today", options.today).when
-    grouped, remarks = sessions_of(given, moments, progress or untold, options.serial)
+    grouped, remarks = sessions_of(given, moments, progress or no_report, options.serial)
     units = tuple(history_of(sessions) for _, sessions in sorted(grouped.items()))
     return History(units, tuple(outlooks_of(unit, requirements, today) for unit in units), tuple(remarks))
 

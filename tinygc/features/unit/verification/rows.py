@@ -19,7 +19,7 @@ import numpy as np
 from session.base import rotation
 from session.base.errors import DataError, FitError, SegmentError
 from session.base.names import CLOCKS
-from session.base.progress import Told, untold
+from session.base.progress import Reporter, no_report
 from session.base.texts import printable
 from session.base.units import G
 from session.detect.accelerometer import IDENTITY, force_of, length_columns, times_of, units
@@ -152,7 +152,7 @@ def readings_by(old: UnitState, session: Session) -> Session:
     return replace(found, logs=logs)
 
 
-def rows_of(session: Session, old: UnitState, use_earth: bool = True, progress: Told = untold) -> Rows:
+def rows_of(session: Session, old: UnitState, use_earth: bool = True, progress: Reporter = no_report) -> Rows:
     """Compare a session with the old calibration.  Raises SegmentError without a rest, and the errors of ``prepare``."""
     session = readings_by(old, session)
     vector = old.linear.vector

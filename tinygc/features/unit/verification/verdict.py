@@ -15,7 +15,7 @@ from session.base.errors import CalibrationError, DataError, FormatError
 from session.base.files import require_file
 from session.base.names import is_session
 from session.base.numeric import sigmas_in
-from session.base.progress import Progress, Told, untold
+from session.base.progress import Progress, Reporter, no_report
 from session.base.records import in_unit, plain, write_whole
 from session.base.texts import command_line, probability, significant
 from session.base.units import DEG
@@ -243,7 +243,7 @@ def verify(model: Path | str, today: Any, *, progress: Progress | None = None, *
     old.with_bias_moved(np.zeros(3))  # fail early for a model whose bias cannot be changed
 
     def step(what: str) -> None:
-        (progress or untold)(what, 0, 1)
+        (progress or no_report)(what, 0, 1)
 
     if not isinstance(today, Session):
         today = Path(today)
@@ -261,7 +261,7 @@ def verify_session(
     old: UnitState,
     session: Session,
     options: VerifyOptions,
-    progress: Told = untold,
+    progress: Reporter = no_report,
 ) -> Verified:
     """Verify a calibration by a session.
 

@@ -19,7 +19,7 @@ from pathlib import Path
 
 from session.base.errors import CalibrationError, StorageError
 from session.base.files import open_written
-from session.base.progress import Told
+from session.base.progress import Reporter
 from session.base.records import json_line
 
 #: lines that are kept while they cannot be written
@@ -32,7 +32,7 @@ class JsonLines:
     Raises StorageError for a file that cannot be opened.
     """
 
-    def __init__(self, path: Path | None, report: Told):
+    def __init__(self, path: Path | None, report: Reporter):
         self._path, self._report = path, report
         self._waiting: deque[bytes] = deque(maxlen=MOST_KEPT)
         self._whole = 0  # bytes of whole lines in the file
@@ -116,7 +116,7 @@ def words_of(text: str) -> list[str]:
 class AlarmCommand:
     """Runs ``words`` for each alarm, while the watch goes on; report: one line of what went wrong."""
 
-    def __init__(self, words: list[str], report: Told, most_s: float = MOST_S):
+    def __init__(self, words: list[str], report: Reporter, most_s: float = MOST_S):
         self._words, self._report, self._most_s = words, report, most_s
         self._running: list[threading.Thread] = []
 

@@ -50,7 +50,7 @@ def _at_rest(measured: MeasuredNoise, problem: Problem) -> str:
             for kind, sensor in figures.sensors().items()
             for name, (unit, si) in SHOWN[kind].items()
         ],
-        said=[finding.says for finding in measured.findings(problem.session.name)],
+        said=[finding.description for finding in measured.findings(problem.session.name)],
         allan=_model(figures, float(problem.began_s[-1])),
     )
 

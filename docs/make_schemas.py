@@ -47,12 +47,15 @@ def _table(module: str, name: str, section: str | None) -> str:
 
 
 def _rows(shape: Record, within: str) -> list[str]:
-    meanings, rows = _sentences(shape.kind), []
+    meanings, rows, above = _sentences(shape.kind), [], ""
     for entry in shape.entries:
         if isinstance(entry.shape, Record):
             rows += _rows(entry.shape, f"{within}{entry.name}.")
         elif within:  # what stands outside of a section has one of its own on the page
-            rows.append(f"| `{within}{entry.name}` | {_range(entry.shape)} | {_default(entry)} | {meanings[entry.attribute]} |\n")
+            kind = _range(entry.shape)
+            shown = "likewise" if kind == above and " " in kind else kind
+            rows.append(f"| `{within}{entry.name}` | {shown} | {_default(entry)} | {meanings[entry.attribute]} |\n")
+            above = kind
     return rows
 
 

@@ -100,19 +100,19 @@ class CertificateGiven:
     """The fields as they are given; empty, or None, where they are not."""
 
     section: ClassVar[str] = "certificate"
-    #: name of the laboratory. Texts of this section are on one line, not blank, and of at most 300 characters
+    #: name
     laboratory: Words = ""
     #: its address
     address: Words = ""
-    #: its country (ISO 3166-1); the Digital Calibration Certificate requires it
+    #: required by the DCC
     country: Annotated[str, Country()] = ""
     #: name of the customer
     customer: Words = ""
     #: address of the customer
     customer_address: Words = ""
-    #: the number of the certificate, one of its own
+    #: of the certificate, unique
     number: Words = ""
-    #: the number of the certificate that this one replaces
+    #: number of the certificate that this one replaces
     amends: Words = ""
     #: what the item is
     item: Words = ""
@@ -122,7 +122,7 @@ class CertificateGiven:
     condition: Words = ""
     #: where it was calibrated
     place: Words = ""
-    #: the same in the words of the Digital Calibration Certificate, which requires it
+    #: required by the DCC
     performed_at: Annotated[str, Text(PERFORMED_AT)] = ""
     #: who calibrated; `notes.operator` without it
     operator: Words = ""
@@ -130,21 +130,21 @@ class CertificateGiven:
     authorised_by: Words = ""
     #: as what
     role: Words = ""
-    #: when the item came. Dates stand without quotes. The order of every two is checked; that of the day of the recording leaves a draft
+    #: when the item came; the order of dates is checked
     received: Date = None
-    #: when it was calibrated; without it the day of the recording, where its port or its notes show it
+    #: when it was calibrated; else the day of the recording
     calibrated: Date = None
-    #: when the certificate is issued
+    #: when it is issued
     issued: Date = None
-    #: stated only where it stands here, as agreed with the customer
+    #: only as agreed with the customer
     valid_until: Date = None
     #: likewise
     next_calibration: Date = None
-    #: reference of the laboratory's procedure
+    #: the laboratory's procedure
     method: Words = ""
     #: what deviated from it
     deviations: Words = ""
-    #: of the environment, such as temperature and humidity of the air
+    #: air temperature, humidity, …
     conditions: Words = ""
     #: results of external providers
     external: Words = ""

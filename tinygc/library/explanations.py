@@ -98,7 +98,8 @@ class Why(Shown):
 
     def offers(self, folder: Path) -> list[tuple[str, list[str]]]:
         """What to do next, and the commands for it; folder: where it is saved."""
-        return [(next_line(self.explanation, self.next), next_commands(self.explanation))]
+        line, commands = next_line(self.explanation, self.next), next_commands(self.explanation)
+        return [(line or "next:", commands)] if line or commands else []
 
     @cached_property
     def effects(self) -> Listed[FoundEffect]:
@@ -132,7 +133,7 @@ class Why(Shown):
     @property
     def page(self) -> Group:
         """What ``explain --verbose`` prints, as a rich renderable: effects, residuals, evidence and what to do next."""
-        return screen([*self.parts(), *checked_page(self.checked), *(title for title, _ in self.offers(Path())[:1])])
+        return screen([*self.parts(), *checked_page(self.checked), *filter(None, [next_line(self.explanation, self.next)])])
 
     def parts(self, brief: bool = False) -> list[Part]:
         """Its facts, without what to do next; brief: those of the command's first screen."""

@@ -118,7 +118,7 @@ def _closure(e: Explanation) -> Text:
 def _looks(e: Explanation) -> Iterator[Text]:
     """What families leave open, gravity in the turns, the registers, and what the first look warned of, a line each."""
     for family in families_of(e):
-        yield Text(f"{family.words}.".capitalize(), "yellow")
+        yield Text(f"{family.words.capitalize()}.", "yellow")
     if e.gravity is not None:
         late, sigma = 1e3 * e.gravity.offset_s, 1e3 * e.gravity.whole_sigma_s
         apart = f"in step ({measured(late, sigma)} ms)" if abs(late) < 2 * sigma else f"{measured(abs(late), sigma)} ms apart"
@@ -188,19 +188,16 @@ def _limit(name: str, size: float) -> tuple[str, str]:
 
 
 def next_line(e: Explanation, following: str | None) -> str:
-    """What to do next: what would decide what is open, else what to do about the effect."""
+    """What to do next: what would decide what is open, else what to do about the effect; empty where there is nothing."""
     do = following or "; ".join(dict.fromkeys(claim.description.partition(": ")[2] for claim in e.claimed if ": " in claim.description))
-    return f"next: {do}" if do else "next:"
+    return f"next: {do}" if do else ""
 
 
 def next_commands(e: Explanation) -> list[str]:
     """The command that goes on from here, if there is one."""
-    if e.session.in_memory:
-        return []
-    if e.verdict == "no_mismatch":
-        return [command_line("report", e.session.folder)]
     named = e.verdict in ("explained", "partly_explained") and any(claim.effect.kind == "rate" for claim in e.proof.fit.state.claims)
-    return [command_line("fit", e.session.folder, "--physics", "auto")] if named else []
+    words = ("report", e.session.folder) if e.verdict == "no_mismatch" else ("fit", e.session.folder, "--physics", "auto") if named else ()
+    return [command_line(*words)] if words and not e.session.in_memory else []
 
 
 # All facts: what the screen begins with, then each effect with its evidence, residuals, what was rejected, the noise.

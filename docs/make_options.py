@@ -116,16 +116,16 @@ def commands_text() -> str:
 def library_text() -> str:
     """The function of each command, the other functions, the records they give, and the keywords that are no option."""
     functions = {name: FUNCTIONS.get(name, f"tinygc.{name}") for name in commands()}
-    lines = ["### Functions", "", "| command | function | what it does |", "| --- | --- | --- |"]
+    lines = ["### Functions", "", "| command | function | what it does |", "|---|---|---|"]
     lines += [_row(f"`{name}`", f"`{dotted}`", first_sentence(there(dotted))) for name, dotted in functions.items()]
     others = [name for name in dir(tinygc) if inspect.isfunction(getattr(tinygc, name)) and f"tinygc.{name}" not in functions.values()]
-    lines += ["", "| other function | what it does |", "| --- | --- |"]
+    lines += ["", "| other function | what it does |", "|---|---|"]
     lines += [_row(f"`tinygc.{name}`", first_sentence(getattr(tinygc, name))) for name in others]
-    lines += ["", "### Records", "", "| record | what it has |", "| --- | --- |"]
+    lines += ["", "### Records", "", "| record | what it has |", "|---|---|"]
     lines += [_row(f"`{name}`", ", ".join(f"`{each}`" for each in has(getattr(tinygc, name)))) for name in RECORDS if hasattr(tinygc, name)]
     lines.append("")
     for kind in (FitOptions, SimulationOptions):
-        lines += [f"### {kind.__name__}", "", "| keyword | default | meaning |", "| --- | --- | --- |"]
+        lines += [f"### {kind.__name__}", "", "| keyword | default | meaning |", "|---|---|---|"]
         for each, rule in declared(kind):
             if not rule.cli:
                 unit = f"{rule.unit}; " if rule.unit else ""

@@ -31,7 +31,7 @@ DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 # Tables of keys.
 
-HEAD = "| key | type, range | default | meaning |\n| --- | --- | --- | --- |\n"
+HEAD = "| key | type, range | default | meaning |\n|---|---|---|---|\n"
 MARK = re.compile(r"(<!-- keys of (\S+):(\w+)(?: in (\w+))? -->\n\n)(?:\|.*\n)*")
 
 
@@ -171,9 +171,15 @@ def _typed_keys(row: str) -> list[tuple[tuple[str, ...], str]]:
     words, found = [expanded(word) for word in re.findall(r"`([^`]+)`", key)], []
     groups = re.split("; " + UNQUOTED, text)
     for paths, group in zip(words, groups * len(words) if len(groups) == 1 else groups, strict=True):
-        types = re.split(", " + UNQUOTED, group)
+        types = [each for text in re.split(", " + UNQUOTED, group) for each in _repeated(text)]
         found += zip((tuple(path.split(".")) for path in paths), types * (len(paths) // len(types)), strict=True)
     return found
+
+
+def _repeated(text: str) -> list[str]:
+    """``size×3`` as three types."""
+    each, star, count = text.rpartition("×")
+    return [each] * int(count) if star and count.isdigit() else [text]
 
 
 def _table_of(keys: dict[tuple[str, ...], str]) -> dict[str, Any]:

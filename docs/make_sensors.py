@@ -23,13 +23,13 @@ def tables() -> str:
         alike.setdefault(_units(profile), []).extend((profile.name, *profile.also))
     units = [
         "| sensors | mdps per LSB @ ± dps | mg per LSB @ ± g | LSB per °C, °C at 0 |",
-        "| --- | --- | --- | --- |",
+        "|---|---|---|---|",
         *(f"| {', '.join(names)} | {row} |" for row, names in alike.items()),
     ]
     figures = [
         "| sensor | data rates, Hz | gyroscope noise, mdps/√Hz | accelerometer noise, µg/√Hz | bias instability, °/h "
         "| largest bias, dps | largest accelerometer zero, mg | works, °C |",
-        "| --- | --- | --- | --- | --- | --- | --- | --- |",
+        "|---|---|---|---|---|---|---|---|",
         *(_figures(profile) for profile in PROFILES),
     ]
     return "\n\n".join("\n".join(lines) for lines in (units, figures))

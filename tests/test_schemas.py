@@ -50,13 +50,22 @@ def test_the_types_of_a_row_are_those_of_its_keys_in_order():
     rows = [
         '| `{a,b}.{c,d}`, `e` | text, count; "x; y" | – |',
         "| `f[].<id>`, `g`, `g.h`, `i`, `j` | size; table/null; flag?; text unless `g`; text with `k` | – |",
+        "| `l.{m,n,o}` | share×2, flag | – |",
     ]
     keys = dict(each for row in rows for each in maker()._typed_keys(row))
     typed = Draft202012Validator(maker()._table_of(keys))
-    table = {"a": {"c": "", "d": 1}, "b": {"c": "", "d": 1}, "e": "x; y", "f": [{"any": 1}], "g": {}}
+    table = {"a": {"c": "", "d": 1}, "b": {"c": "", "d": 1}, "e": "x; y", "f": [{"any": 1}], "g": {}, "l": {"m": 0, "n": 1, "o": True}}
     for sound in ({}, {"g": None}, {"k": 1, "j": ""}, {"g": {"h": True}}, {"unknown": 1}):
         assert typed.is_valid(table | sound)
-    for wrong in ({"a": {"c": ""}}, {"e": "x"}, {"f": [{"any": -1}]}, {"g": {"h": None}}, {"k": 1}, {"b": None}):
+    for wrong in (
+        {"a": {"c": ""}},
+        {"e": "x"},
+        {"f": [{"any": -1}]},
+        {"g": {"h": None}},
+        {"k": 1},
+        {"b": None},
+        {"l": {"m": 0, "n": True, "o": 1}},
+    ):
         assert not typed.is_valid(table | wrong)
     assert not typed.is_valid({key: value for key, value in table.items() if key != "g"})
 

@@ -57,9 +57,8 @@ FUNCTIONS = {
     "temperature": "tinygc.fit_temperature",
     "challenge": "tinygc.features.challenge.examination.examine",
 }
-RECORDS = ("Session", "Fit", "Why", "Calibration", "Report", "Exported", "Simulated", "Rebias", "LogArrays", "ThermalFit", "TurnFit")
 #: of an option on the page, where a clause ends before
-MOST_WORDS = 9
+MOST_WORDS = 7
 #: what stands before and behind the tables of a page
 BEGIN, END = "<!-- made by docs/make_options.py -->\n", "<!-- end -->"
 
@@ -114,15 +113,13 @@ def commands_text() -> str:
 
 
 def library_text() -> str:
-    """The function of each command, the other functions, the records they give, and the keywords that are no option."""
+    """The function of each command, the other functions, and the keywords that are no option."""
     functions = {name: FUNCTIONS.get(name, f"tinygc.{name}") for name in commands()}
     lines = ["### Functions", "", "| command | function | what it does |", "|---|---|---|"]
     lines += [_row(f"`{name}`", f"`{dotted}`", first_sentence(there(dotted))) for name, dotted in functions.items()]
     others = [name for name in dir(tinygc) if inspect.isfunction(getattr(tinygc, name)) and f"tinygc.{name}" not in functions.values()]
     lines += ["", "| other function | what it does |", "|---|---|"]
     lines += [_row(f"`tinygc.{name}`", first_sentence(getattr(tinygc, name))) for name in others]
-    lines += ["", "### Records", "", "| record | what it has |", "|---|---|"]
-    lines += [_row(f"`{name}`", ", ".join(f"`{each}`" for each in has(getattr(tinygc, name)))) for name in RECORDS if hasattr(tinygc, name)]
     lines.append("")
     for kind in (FitOptions, SimulationOptions):
         lines += [f"### {kind.__name__}", "", "| keyword | default | meaning |", "|---|---|---|"]
@@ -146,12 +143,6 @@ def first_sentence(thing: Any) -> str:
     """Of its docstring, without the double backticks of code."""
     text = " ".join((inspect.getdoc(thing) or "").split("\n\n")[0].split())
     return re.split(r"(?<=[.;])\s|: | \(", text, maxsplit=1)[0].rstrip(".;").replace("``", "`")
-
-
-def has(record: type) -> list[str]:
-    """Names of its public fields, properties and methods."""
-    fields = [name for kind in reversed(record.__mro__) for name in inspect.get_annotations(kind)]
-    return [name for name in dict.fromkeys([*fields, *dir(record)]) if not name.startswith("_")]
 
 
 def made(page: str, text: str) -> str:

@@ -111,7 +111,9 @@ def _chosen(lines: list[str], ranges: str) -> list[str]:
     shown: list[str] = []
     end = 0
     for first, last in re.findall(r"(\d+)-(\d+)", ranges):
-        if int(first) - 1 > end and lines:
+        if int(first) > len(lines):
+            break
+        if int(first) - 1 > end:
             shown.append("…")
         end = int(last)
         shown += lines[int(first) - 1 : end]

@@ -42,7 +42,7 @@ from tinygc.explanation.claims import (
 )
 from tinygc.explanation.data_repair import _claim
 from tinygc.explanation.families import SLOW_ZERO, alternatives, slow_zero
-from tinygc.explanation.result import MOST_LISTED, considered_lines
+from tinygc.explanation.result import MOST_LISTED, rejected_words
 from tinygc.explanation.search import NamedEffect
 from tinygc.inference.choose import ONE_SIDED, Standing, Statement, agreement, standing_of, upper_limit
 from tinygc.inference.decide import KINDS
@@ -264,13 +264,13 @@ def test_what_a_detector_proposed_is_told_before_names_and_tiny_ones_never():
     lost = Considered("timing.dropped_samples", 0.0, 28, (0.5 * DEG, 0.5 * DEG))
     false = Considered("data.glitches", 0.0, 1, (0.5 * DEG, 2 * DEG))
     nothing = SimpleNamespace(refused=[])
-    said = considered_lines(SimpleNamespace(considered=[*names, *tiny, lost, false], naming=nothing))
+    said = rejected_words(SimpleNamespace(considered=[*names, *tiny, lost, false], naming=nothing))
     assert said[:3] == [
-        "timing.dropped_samples at 28 moments: closure there is 0.500°, and no number of lost samples makes it better",
-        "data.glitches at 1 moment: closure there is 0.500° as recorded, 2.000° once repaired",
-        "gyro.name0: probability 0.4",
+        "timing.dropped_samples (moments: 28)",
+        "data.glitches (moments: 1)",
+        "gyro.name0 (0.4)",
     ]
-    assert (len(said), considered_lines(SimpleNamespace(considered=tiny, naming=nothing))) == (MOST_LISTED, [])
+    assert (len(said), rejected_words(SimpleNamespace(considered=tiny, naming=nothing))) == (MOST_LISTED, [])
 
 
 # Standings.

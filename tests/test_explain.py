@@ -3,6 +3,7 @@
 import json
 import re
 import shutil
+import sys
 from dataclasses import replace
 from html import unescape
 from types import SimpleNamespace
@@ -22,6 +23,7 @@ from tinygc.explanation.engine import explain_session
 from tinygc.explanation.physics import physics_methods
 from tinygc.explanation.result import to_json
 from tinygc.fitting.fit import fit_session
+from tinygc.library.explanations import Why
 from tinygc.reporting.checked_text import checked_page
 from tinygc.reporting.explanation_text import explanation_facts, explanation_screen, headline, in_unit, next_commands, next_line, plain_name
 from tinygc.reporting.html.sections.explanation import section
@@ -128,6 +130,12 @@ def test_what_an_effect_does_fits_the_first_line(effect):
     statement, _, do = effect.describe(0.5 * np.full(effect.parameter.size, effect.parameter.plausible)).partition(": ")
     assert len(f"FOUND, undecided: {statement}.") <= 80
     assert do
+
+
+def test_the_picture_is_an_svg_and_needs_no_package_for_drawing(explained, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    folder = Why(explained["first"]).save(tmp_path / "first")
+    assert (folder / "explain.svg").read_text(encoding="utf-8").startswith("<svg xmlns=")
 
 
 def test_a_scatter_that_no_effect_explains_stands_in_the_headline(explained):

@@ -15,11 +15,10 @@ from session.log.folder import file_key, hash_of_log
 from session.log.samples import pieces, start_times
 from tinygc.effects import catalogue
 from tinygc.effects.effect import IN_STILLS, LEVEL, ROWS, SECONDS
-from tinygc.explanation.claims import CHANNELS, LEFT, Claim, Considered, p_entry
+from tinygc.explanation.claims import CHANNELS, LEFT, Claim, p_entry
 from tinygc.explanation.decision import tilt_rms
 from tinygc.explanation.engine import Explanation
 from tinygc.explanation.families import SlowZero, slow_zero
-from tinygc.explanation.faulty_readings import LOST
 from tinygc.explanation.search import lines_end_hz
 from tinygc.noise.channels import own_residuals, unknown_rows
 from tinygc.noise.twin import Variable, variable_of
@@ -242,29 +241,13 @@ def chance_words(probability: float) -> str:
     return "> 0.999" if probability > 0.999 else "< 0.001" if probability < 0.001 else f"{probability:.3g}"
 
 
-def considered_lines(e: Explanation) -> list[str]:
-    """List names of a size that no sensor has, the detected moments that closure rejects, which have no probability of their own, then the
-    most probable rejected effects."""
-    lines = []
-    for claim in e.naming.refused:
-        size = max(np.ravel(claim.parameters[claim.effect.parameter.name]), key=abs)
-        fits = f"{claim.effect.id}: would fit with {size:.2g} {claim.effect.parameter.unit}"
-        lines.append(f"{fits}, more than such a sensor has: it is something else, or the reference's")
-    shown = [each for each in e.considered if each.moments or each.probability >= LEAST_CHANCE]
-    return [*lines, *(_considered_lines(each) for each in sorted(shown, key=lambda each: each.moments == 0)[:MOST_LISTED])]
-
-
-def _considered_lines(each: Considered) -> str:
-    if not each.moments:
-        return f"{each.id}: probability {chance_words(each.probability)}"
-    if each.closure_rad is None:
-        reach, close = ("segment reaches", "closes") if each.moments == 1 else ("segments reach", "close")
-        return f"{each.id}: {each.moments} {reach} a level, and {close} like the others"
-    before, after = (f"{rad / DEG:.3f}°" for rad in each.closure_rad)
-    where = f"{each.id} at {each.moments} {'moment' if each.moments == 1 else 'moments'}: closure there is {before}"
-    if before == after:
-        return f"{where}, and {'no number of lost samples makes it' if each.id == LOST else 'once repaired it is no'} better"
-    return f"{where} as recorded, {after} once repaired"
+def rejected_words(e: Explanation) -> list[str]:
+    """``gyro.bias_step (0.04)``: names of a size that no sensor has, the detected moments that closure rejects, which have no probability
+    of their own, then the most probable rejected effects."""
+    shown = sorted((each for each in e.considered if each.moments or each.probability >= LEAST_CHANCE), key=lambda each: each.moments == 0)
+    reasons = [f"moments: {each.moments}" if each.moments else chance_words(each.probability) for each in shown[:MOST_LISTED]]
+    refused = [f"{claim.effect.id} (of a size that no sensor has)" for claim in e.naming.refused]
+    return refused + [f"{each.id} ({reason})" for each, reason in zip(shown, reasons, strict=False)]
 
 
 def rival_words(claim: Claim) -> list[str]:

@@ -23,11 +23,11 @@ from tinygc.explanation.engine import Explanation
 from tinygc.explanation.result import (
     HEADING,
     chance_words,
-    considered_lines,
     equivalent_words,
     families_of,
     is_refitted,
     noise_rows,
+    rejected_words,
     residual_table,
     rival_words,
     where,
@@ -223,8 +223,8 @@ def explanation_facts(e: Explanation, panels: Sequence[Part] = ()) -> list[Part]
     rows = [(channel, values, *(f"{rms:.2f}" for rms in shown)) for channel, values, shown in residual_table(e)]
     parts += [Text(HEADING, "italic"), Table("", ("channel", "values", *columns), rows), *panels]
     parts += [*([] if e.shown is None else [Table("", ("", ""), e.shown.rows, left=(0, 1))]), ""]
-    if lines := considered_lines(e):
-        parts += ["considered, and rejected:", *(f"  {line}" for line in lines)]
+    if rejected := rejected_words(e):
+        parts.append(f"considered, and rejected: {', '.join(rejected)}")
     if e.verdict == "unexplained" and (highest := lines_end_hz(e.twin)) is not None:
         parts.append(f"not searched: lines of the rate above {highest:.2g} Hz, too many in so long a session")
     if components := noise_rows(e):

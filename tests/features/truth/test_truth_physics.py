@@ -38,7 +38,7 @@ from tinygc.explanation.claims import claim_of, common_delays
 from tinygc.explanation.decision import Naming, decide, rather_slow, with_slow_bias
 from tinygc.explanation.engine import explain_session
 from tinygc.explanation.evidence import Evidence
-from tinygc.explanation.result import considered_lines
+from tinygc.explanation.result import rejected_words
 from tinygc.explanation.search import NamedEffect
 from tinygc.features.truth import errors, shown
 from tinygc.features.truth.errors import (
@@ -580,9 +580,7 @@ def test_a_size_that_nothing_has_is_refused_and_the_choice_is_made_again(twin):
         naming = decide(spoilt, 0)
     assert {each.effect.id for each in naming.refused} == {LEAN.id}
     assert LEAN.id not in {each.effect.id for each in naming.named}
-    said = considered_lines(SimpleNamespace(naming=naming, considered=[]))
-    assert len(said) == 1
-    assert said[0].startswith("gyro.g_sensitivity: would fit with ")
+    assert rejected_words(SimpleNamespace(naming=naming, considered=[])) == ["gyro.g_sensitivity (of a size that no sensor has)"]
 
 
 FORCE_BIAS = np.array([0.3, -0.2, 0.25])  # m/s^2

@@ -96,9 +96,7 @@ def wander(knots_s: np.ndarray) -> Effect:
     def describe(theta: np.ndarray) -> str:
         at = np.concatenate([np.zeros((1, 3)), theta.reshape(-1, 3)])
         span = np.ptp(at, axis=0)
-        return (
-            f"the gyro's zero-rate offset wanders by {span.max() / DEG:.3f} dps (most on {'xyz'[int(np.argmax(span))]}) while the run lasts"
-        )
+        return f"the gyro's zero-rate offset wanders by {span.max() / DEG:.3f} dps (most on {'xyz'[int(np.argmax(span))]}) over the run"
 
     return Effect(
         id="unknown.slow_bias",

@@ -15,7 +15,6 @@ from small_turns import numeric_jacobian
 from session.base.errors import DataError, FitError
 from session.log.config import Accelerometer
 from session.log.rests import RestLog
-from tinygc.closure.floor import allan_curve
 from tinygc.features.temperature import axis_fit
 from tinygc.features.temperature.axis_fit import (
     AxisFit,
@@ -30,7 +29,6 @@ from tinygc.features.temperature.axis_fit import (
     folds_of,
     held_out,
     make_knots,
-    priced,
     solve_axis,
     weigh,
     white_of,
@@ -38,11 +36,8 @@ from tinygc.features.temperature.axis_fit import (
 from tinygc.features.temperature.model import ThermalModel, element_temperature
 from tinygc.features.temperature.rest_fit import (
     RestFit,
-    _allan,
     _noise_over_temperature,
-    _residual_blocks,
     fit_rests,
-    noise_at_rest,
     zero_of_blocks,
 )
 from tinygc.features.temperature.sessions_fit import (
@@ -57,7 +52,7 @@ from tinygc.features.temperature.sessions_fit import (
     zero_covariance,
 )
 from tinygc.features.temperature.sweeps import Sweep, _turning_points, between_steps, sweeps_of
-from tinygc.inference.noise import TIMES_S, wander_covariance
+from tinygc.inference.noise import TIMES_S
 from tinygc.models.linear import BIAS, MATRIX, LinearModel
 
 
@@ -492,54 +487,6 @@ def test_the_line_of_a_constant_by_full_matrices(noise, near):
 # Rest logs beside the zero
 
 
-@pytest.mark.parametrize("instability", [0.0, 1.5e-3])
-def test_noise_at_rest_is_given_back_beside_temperature(instability):
-    """White noise and flicker about a lagged line: sizes within their sigmas, and a limit alone where there is no flicker."""
-    rng, temp, z = np.random.default_rng(7), triangle(600, 150), []
-    t_s = 10.0 * np.arange(600) + 5
-    root = np.linalg.cholesky(wander_covariance(t_s, np.full(600, 10.0), instability_rps=1.0))
-    for _ in range(4):
-        noise = 2e-3 * rng.normal(size=600) + instability * root @ rng.normal(size=600)
-        knots, fit = fitted([small_rest(temp, 8e-3 * element_temperature(temp, 20.0, 10.0) + noise)])
-        found = noise_at_rest(knots, knots.logs[0].gyro[:, 0], fit)
-        z.append((found.walk - 2e-3 * np.sqrt(10)) / found.walk_sigma)
-        assert (found.walk_sigma < 6e-4, np.isnan(found.at_most)) == (True, instability > 0)
-        assert abs(found.instability - instability) < 3 * found.instability_sigma < 2e-3
-    assert abs(np.mean(z)) < 1  # 4 of it, were the flicker in the steps added and not taken off
-
-
-def test_the_limit_of_a_flicker_that_is_not_seen_is_where_the_likelihood_has_dropped():
-    log = small_rest(triangle(80, 20), 2e-3 * np.random.default_rng(3).normal(size=80))
-    knots, fit = fitted([log])
-    y = log.gyro[:, 0]
-    found = noise_at_rest(knots, y, fit)
-    V, A, white = knots.covariances(), priced(knots, y, fit.tau_s, fit.order), white_of(knots, y)
-
-    def value(size):
-        """-2 log of the restricted likelihood at a flicker, with the best of the others."""
-
-        def at(ln):
-            C = (np.exp(2 * ln[0]) + (0.5 * white) ** 2) * V[0] + size**2 * V[1] + np.exp(2 * ln[1]) * V[2]
-            W = np.linalg.solve(C, A)
-            left = y - A @ np.linalg.solve(A.T @ W, W.T @ y)
-            return np.linalg.slogdet(C)[1] + np.linalg.slogdet(A.T @ W)[1] + left @ np.linalg.solve(C, left)
-
-        starts = [np.log([white * share, walk]) for share in (0.3, 1.0) for walk in (1e-9, 1e-5)]
-        return min(optimize.minimize(at, start, method="Nelder-Mead", options={"maxiter": 2000}).fun for start in starts)
-
-    assert value(found.at_most) - value(found.instability) == pytest.approx(2.0**2, rel=0.1)
-
-
-def test_the_allan_deviation_is_pooled_over_pieces_without_gaps():
-    number = np.concatenate([np.arange(20), np.arange(21, 24), np.arange(30, 46)])
-    one, two = small_rest(np.zeros(39), number=number), small_rest(np.zeros(9))
-    residual = np.random.default_rng(0).normal(size=(48, 3))
-    expected = allan_curve([residual[:20], residual[23:39], residual[39:]], 10.0, 2)
-    found = _allan([one, two], residual)
-    assert (found.tau_s, found.deviation) == (pytest.approx(expected.tau_s), pytest.approx(expected.deviation))
-    assert [_allan([small_rest(np.zeros(k))], residual[:k]) is None for k in (3, 4)] == [True, False]
-
-
 def test_noise_over_temperature_is_a_regression_of_the_scatter():
     """Half the relative slope of the variance; neighbours that are alike widen its sigma; eight bins of the range."""
     temp, wave = np.linspace(10, 42, 200), 1 + 0.3 * np.sin(np.arange(200) / 9)
@@ -560,15 +507,13 @@ def test_noise_over_temperature_is_a_regression_of_the_scatter():
         assert _noise_over_temperature([bare]) is None
 
 
-def test_what_is_left_of_blocks_has_no_zero_in_any_log():
+def test_the_zero_of_blocks_is_that_of_the_polynomial():
     temp = triangle(24, 12)
     logs = [small_rest(temp, np.arange(24.0)), small_rest(temp + 5, np.arange(24.0) ** 2)]
     knots, flat = fitted(logs, orders=(0,))
     assert zero_of_blocks(make_knots([small_rest([np.nan] * 4)], []), flat).tolist() == [flat.terms[0]] * 4
     element, fit = knots.element_c(15.0) - knots.reference_c, replace(flat, terms=np.array([1.0, 2.0, 0.5]), tau_s=15.0)
     assert zero_of_blocks(knots, fit) == pytest.approx(1 + 2 * element + 0.5 * element**2)
-    left = (np.concatenate([log.gyro[:, 1] for log in logs]) - zero_of_blocks(knots, fit)).reshape(2, 24)
-    assert _residual_blocks(knots, "gyro", 1, fit) == pytest.approx((left - left.mean(axis=1)[:, None]).ravel())
 
 
 def test_rest_logs_are_fitted_axis_by_axis_without_their_knocks():
@@ -584,8 +529,6 @@ def test_rest_logs_are_fitted_axis_by_axis_without_their_knocks():
     assert [fit.order for fit in found.gyro] == [1, 0, 1]
     for fits, values in ((found.gyro, kept.gyro), (found.accel, kept.accel)):
         assert fits[2].terms.tolist() == fit_axis(found.knots, values[:, 2], (0, 1)).terms.tolist()
-    residual = np.column_stack([_residual_blocks(found.knots, "gyro", axis, fit) for axis, fit in enumerate(found.gyro)])
-    assert_array_equal(found.allan.deviation, _allan([kept], residual).deviation)
     assert found.range_c == (kept.temp_c.min(), kept.temp_c.max())
     alone = of_rests_alone("x", found, {})
     assert_array_equal(alone.covariance[MATRIX.stop :, MATRIX.stop :], zero_covariance(found.gyro, 1))
@@ -783,7 +726,7 @@ def shape():
     size = DEG * np.array([[1e-3], [3e-5], [1e-6], [2.0]])
     roots = [size * (np.eye(4) + 0.5 * rng.normal(size=(4, 4))) for _ in range(3)]
     line = an_axis(ZERO[:2, 1], 0.0, roots[1][[0, 1, 3]])
-    return RestFit((), knots, (), (an_axis(ZERO[:, 0], 30.0, roots[0]), line, an_axis(ZERO[:, 2], -20.0, roots[2])), (), (), None, None, ())
+    return RestFit((), knots, (), (an_axis(ZERO[:, 0], 30.0, roots[0]), line, an_axis(ZERO[:, 2], -20.0, roots[2])), (), None, ())
 
 
 @pytest.mark.parametrize("celsius", [(0.0,), (-20.0, 20.0, 50.0)])

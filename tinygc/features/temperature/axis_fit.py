@@ -157,11 +157,10 @@ WIDE = 1e4
 @dataclass(frozen=True, eq=False)
 class _Coloured:
     """sizes (3,) of white (unit/sqrt(Hz), two-sided), flicker (unit) and random walk (unit/sqrt(s)); C (K, K): their total covariance;
-    sigmas (3,) of the sizes, NaN where not requested; value: -2 log of the restricted likelihood."""
+    value: -2 log of the restricted likelihood."""
 
     sizes: np.ndarray
     C: np.ndarray
-    sigmas: np.ndarray = field(default_factory=lambda: np.full(3, np.nan))
     value: float = np.nan
 
     @property
@@ -170,9 +169,7 @@ class _Coloured:
         return np.linalg.cholesky(self.C)
 
 
-def estimate_noise(
-    y: np.ndarray, J: np.ndarray, V: list[np.ndarray], white: float, steps: np.ndarray | float = 0.0, with_sigma: bool = False
-) -> _Coloured:
+def estimate_noise(y: np.ndarray, J: np.ndarray, V: list[np.ndarray], white: float, steps: np.ndarray | float = 0.0) -> _Coloured:
     """Estimate the noise of knots y (K,) about the columns J (K, p), in units of their priors' sigmas; V: covariances of unit size
     (``Knots.covariances``); white: size of white noise from the differences of blocks; steps (K, K): what the thermometer's add
     (``Knots.of_steps``)."""
@@ -180,10 +177,10 @@ def estimate_noise(
     longest = float(np.sqrt(V[2].max()))
     usual = np.array([white or scatter * np.sqrt(1 / V[0].max()), scatter, scatter / longest])
     base = V[0] * (0.5 * usual[0]) ** 2
-    found = estimate(y, J, base + steps, [*V], usual, [None] * 3, [np.arange(len(y))], with_sigma=with_sigma, steps=STEPS)
+    found = estimate(y, J, base + steps, [*V], usual, [None] * 3, [np.arange(len(y))], steps=STEPS)
     sizes = found.s.copy()
     sizes[0] = np.hypot(sizes[0], 0.5 * usual[0])
-    return _Coloured(sizes, sum((v * s**2 for v, s in zip(V, sizes, strict=True)), np.zeros_like(base) + steps), found.sigma, found.value)
+    return _Coloured(sizes, sum((v * s**2 for v, s in zip(V, sizes, strict=True)), np.zeros_like(base) + steps), found.value)
 
 
 def white_of(knots: Knots, blocks: np.ndarray) -> float:

@@ -12,10 +12,10 @@ from session.base.files import result_folder
 from session.base.numeric import sigmas_in
 from session.base.records import write_whole
 from session.base.texts import fixed, measured, probability, significant
-from session.base.units import DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, MDPS, MG
+from session.base.units import DEG, MDPS, MG
 from tinygc import models
 from tinygc.features.temperature.axis_fit import AxisFit, Hysteresis
-from tinygc.features.temperature.rest_fit import RestFit, zero_of_blocks
+from tinygc.features.temperature.rest_fit import NoiseOverTemperature, RestFit, zero_of_blocks
 from tinygc.features.temperature.sessions_fit import APART_C, SessionsFit, ThermalFit, zero_terms
 from tinygc.models.linear import BIAS, MATRIX, scale_factor_errors
 from tinygc.models.model import accelerometer_table
@@ -24,7 +24,7 @@ from tinygc.reporting.facts import Part, Table, screen
 from tinygc.reporting.tables import finding_lines
 from tinygc.reporting.terminal import Group, one_line
 
-# The picture of a fit over temperature: each axis' zero, up and down; the residuals; the Allan deviation; E where sessions determine it.
+# The picture of a fit over temperature: each axis' zero, up and down; the residuals; E where sessions determine it.
 
 
 def picture_of(fit: ThermalFit) -> Picture:
@@ -32,11 +32,6 @@ def picture_of(fit: ThermalFit) -> Picture:
     panels, rests = [], fit.rests
     if rests is not None:
         panels = [draw(rests, axis) for axis in range(3) for draw in (_zero, _left)]
-        if rests.allan is not None:
-            x, y = Axis("averaging time (s)", log=True), Axis("Allan deviation (°/h)", log=True)
-            panels.append(Panel(x, y, "Allan deviation of what temperature leaves"))
-            for i, name in enumerate("xyz"):
-                panels[-1].line(rests.allan.tau_s, rests.allan.deviation[:, i] / DEG_PER_HOUR, name, name=name)
     if fit.sessions is not None:
         panels.append(_scale(fit))
     return Picture(panels, f"{fit.name}: over temperature")
@@ -316,7 +311,7 @@ def of_rests(rests: RestFit) -> dict:
         "sweeps": {name: sum(s.direction == way for s in rests.sweeps) for name, way in (("up", 1), ("down", -1))},
         "gyro": [_axis(axis, fit, DEG, "dps") for axis, fit in zip("xyz", rests.gyro, strict=True)],
         "accel": [_axis(axis, fit, MG, "mg") for axis, fit in zip("xyz", rests.accel, strict=True)],
-        "noise": [_noise_table(rests, axis) for axis in range(3)],
+        "noise": [] if rests.noise is None else [_noise_table(rests.noise, axis) for axis in range(3)],
     }
 
 
@@ -351,20 +346,13 @@ def _hysteresis_table(found: Hysteresis, unit: float, word: str) -> dict:
     return {f"largest_{word}": largest / unit, f"std_{word}": sigma / unit, "at_c": at_c, f"rms_{word}": found.rms / unit}
 
 
-def _noise_table(rests: RestFit, axis: int) -> dict:
-    found, over = rests.at_rest[axis], rests.noise
-    hidden = not np.isnan(found.at_most)
+def _noise_table(over: NoiseOverTemperature, axis: int) -> dict:
     return {
         "axis": "xyz"[axis],
-        "angle_random_walk_deg_rth": found.walk / DEG_PER_SQRT_HOUR,
-        "angle_random_walk_std_deg_rth": found.walk_sigma / DEG_PER_SQRT_HOUR,
-        "bias_instability_dph": None if hidden else found.instability / DEG_PER_HOUR,
-        "bias_instability_std_dph": None if hidden else found.instability_sigma / DEG_PER_HOUR,
-        "bias_instability_at_most_dph": found.at_most / DEG_PER_HOUR,
-        "rms_per_c": None if over is None else float(over.per_c[axis]),
-        "rms_std_per_c": None if over is None else float(over.sigma[axis]),
-        "rms_at_c": [] if over is None else over.at_c,
-        "rms_dps": [] if over is None else over.rms[:, axis] / DEG,
+        "rms_per_c": float(over.per_c[axis]),
+        "rms_std_per_c": float(over.sigma[axis]),
+        "rms_at_c": over.at_c,
+        "rms_dps": over.rms[:, axis] / DEG,
     }
 
 

@@ -1,10 +1,9 @@
-"""Fit of rest logs: the effect of temperature at rest, and the gyroscope's noise over temperature."""
+"""Fit of rest logs: the effect of temperature at rest, and how the gyroscope's scatter changes with it."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
 
@@ -14,71 +13,13 @@ from session.detect.check_stills import check_rest
 from session.detect.events import knocked
 from session.detect.findings import Finding, stop_at_errors
 from session.log.rests import RestLog
-from tinygc.closure.floor import SEEN_SIGMAS, AllanCurve, allan_curve
-from tinygc.features.temperature.axis_fit import ORDERS, AxisFit, Knots, estimate_noise, fit_axis, make_knots, priced, white_of
+from tinygc.features.temperature.axis_fit import ORDERS, AxisFit, Knots, fit_axis, make_knots
 from tinygc.features.temperature.sweeps import Sweep, sweeps_of
-from tinygc.inference.noise import where_risen
 
-# A gyroscope's noise from rest logs: its components, the Allan deviation of what temperature leaves, its change with temperature.
+# How the gyroscope's scatter changes with temperature; its terms at rest are those of the command ``noise``.
 
-#: averaging times per octave; fewest blocks of a piece
-PER_OCTAVE, SHORTEST_PIECE = 2, 4
 #: of the temperature's range
 BINS = 8
-#: rise of -2 log L at the limit of a flicker that is not seen: it has been drawn low, and the limits of 1.645 sigma hold in 43 of 50 rests
-#: that walk, those of 2 in 48 (benchmarks/temperature.py, nulls)
-AT_LIMIT = 2.0**2
-#: relative sigma of white noise by the median of second differences of blocks, times the root of their number
-BY_STEPS = 1.40
-#: Hadamard variance of flicker noise of instability 1: half the logarithm of 256 / 27, over pi
-HADAMARD_FLICKER = np.log(256 / 27) / 2 / np.pi
-
-
-class AtRest(NamedTuple):
-    """Angle random walk, rad/s/sqrt(Hz), and bias instability, rad/s, of one axis, with their sigmas; at_most: upper limit (95 %) of a bias
-    instability that is not seen, else NaN."""
-
-    walk: float
-    walk_sigma: float
-    instability: float
-    instability_sigma: float
-    at_most: float
-
-
-def noise_at_rest(knots: Knots, blocks: np.ndarray, fit: AxisFit) -> AtRest:
-    """Noise of the blocks (B,) about an axis' fit: flicker with white noise and a random walk, as the fit's own sigmas have it.
-
-    White noise shows in how the steps between blocks differ, less what the others add to their Hadamard variance.
-    """
-    step_s, unit = knots.logs[0].block_s, float(np.std(blocks)) or 1.0
-    y, V = knots.mean(blocks) / unit, knots.covariances()
-    J = priced(knots, y, fit.tau_s, fit.order)
-    steps, square = knots.of_steps(y, fit.tau_s, fit.order), white_of(knots, blocks / unit) ** 2
-    found = estimate_noise(y, J, V, np.sqrt(square), steps, with_sigma=True)
-    slow = step_s * np.array([HADAMARD_FLICKER, step_s / 6])
-    white = max(square - float(slow @ found.sizes[1:] ** 2), 0.0) ** 0.5
-    sigma = np.hypot(BY_STEPS * square / np.sqrt(len(blocks)), slow[0] * found.sizes[1] * found.sigmas[1]) / max(white, 1e-300)
-
-    def rise(size: float) -> float:
-        """Of -2 log L at a given flicker, the others estimated again."""
-        scaled = [V[0], np.zeros_like(V[1]), V[2]]
-        return estimate_noise(y, J, scaled, np.sqrt(square), steps + size**2 * V[1]).value - found.value
-
-    size, most = found.sizes[1], np.nan
-    if not size > SEEN_SIGMAS * found.sigmas[1]:
-        most = where_risen(rise, size, float(np.std(y)) / 10, AT_LIMIT, 0.03)
-    return AtRest(*(value * unit for value in (white, sigma, size, found.sigmas[1], most)))
-
-
-def _allan(logs: list[RestLog], residual: np.ndarray) -> AllanCurve | None:
-    """Allan deviation of block means after the temperature fit, residual (B, 3) rad/s of all logs' kept blocks; None where all pieces are
-    short."""
-    pieces, at = [], 0
-    for log in logs:
-        edges = np.flatnonzero(np.diff(log.number) > 1) + 1
-        pieces += [part for part in np.split(residual[at : at + len(log)], edges) if len(part) >= SHORTEST_PIECE]
-        at += len(log)
-    return allan_curve(pieces, logs[0].block_s, PER_OCTAVE) if pieces else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,16 +63,14 @@ def _noise_over_temperature(logs: list[RestLog]) -> NoiseOverTemperature | None:
 
 @dataclass(frozen=True, eq=False)
 class RestFit:
-    """logs: as read; knots: of the kept blocks; sweeps; gyro, accel: a fit for each axis; at_rest: the gyroscope's noise by
-    axis; allan: curve of the residuals, or None; noise: over temperature, or None; findings: of the first examination."""
+    """logs: as read; knots: of the kept blocks; sweeps; gyro, accel: a fit for each axis; noise: over temperature, or None; findings: of
+    the first examination."""
 
     logs: tuple[RestLog, ...]
     knots: Knots
     sweeps: tuple[Sweep, ...]
     gyro: tuple[AxisFit, ...]
     accel: tuple[AxisFit, ...]
-    at_rest: tuple[AtRest, ...]
-    allan: AllanCurve | None
     noise: NoiseOverTemperature | None
     findings: tuple[Finding, ...]
 
@@ -166,11 +105,9 @@ def fit_rests(
         for axis in range(3):
             progress(f"{kind} {'xyz'[axis]}", axis, 3)
             axes[kind].append(fit_axis(knots, blocks[:, axis], orders))
-    residual = np.column_stack([_residual_blocks(knots, "gyro", axis, fit) for axis, fit in enumerate(axes["gyro"])])
-    gyro = np.concatenate([log.gyro for log in kept])
-    at_rest = tuple(noise_at_rest(knots, gyro[:, axis], fit) for axis, fit in enumerate(axes["gyro"]))
-    allan, noise = _allan(kept, residual), _noise_over_temperature(kept)
-    return RestFit(tuple(logs), knots, tuple(sweeps), tuple(axes["gyro"]), tuple(axes["accel"]), at_rest, allan, noise, tuple(findings))
+    return RestFit(
+        tuple(logs), knots, tuple(sweeps), tuple(axes["gyro"]), tuple(axes["accel"]), _noise_over_temperature(kept), tuple(findings)
+    )
 
 
 def zero_of_blocks(knots: Knots, fit: AxisFit) -> np.ndarray:
@@ -178,13 +115,6 @@ def zero_of_blocks(knots: Knots, fit: AxisFit) -> np.ndarray:
     if fit.order == 0:
         return np.full(sum(map(len, knots.logs)), fit.terms[0])
     return np.polynomial.polynomial.polyval(knots.element_c(fit.tau_s) - knots.reference_c, fit.terms)
-
-
-def _residual_blocks(knots: Knots, kind: str, axis: int, fit: AxisFit) -> np.ndarray:
-    """Block means (B,) less the fit; each log's own zero is removed too."""
-    values = np.concatenate([getattr(log, kind)[:, axis] for log in knots.logs]) - zero_of_blocks(knots, fit)
-    edges = np.cumsum([len(log) for log in knots.logs])[:-1]
-    return np.concatenate([part - part.mean() for part in np.split(values, edges)])
 
 
 # What the noise at rest asks of the temperature: what of a rest goes with it.

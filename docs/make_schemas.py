@@ -31,7 +31,7 @@ DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 # Tables of keys.
 
-HEAD = "| key | type, range | default | meaning |\n|---|---|---|---|\n"
+HEAD = "| key | type, range (default) | meaning |\n|---|---|---|\n"
 MARK = re.compile(r"(<!-- keys of (\S+):(\w+)(?: in (\w+))? -->\n\n)(?:\|.*\n)*")
 
 
@@ -54,7 +54,7 @@ def _rows(shape: Record, within: str) -> list[str]:
         elif within:  # what stands outside of a section has one of its own on the page
             kind = _range(entry.shape)
             shown = "likewise" if kind == above and " " in kind else kind
-            rows.append(f"| `{within}{entry.name}` | {shown} | {_default(entry)} | {meanings[entry.attribute]} |\n")
+            rows.append(f"| `{within}{entry.name}` | {shown}{_default(entry)} | {meanings[entry.attribute]} |\n")
             above = kind
     return rows
 
@@ -80,14 +80,14 @@ def _range(shape: Shape) -> str:
 
 
 def _default(entry: Entry) -> str:
+    """In brackets; nothing where a key that is missing stands for nothing."""
     value = entry.absent
     if value is REQUIRED:
-        return "required"
+        return " (required)"
     if isinstance(value, np.ndarray):
-        return "identity" if value.shape == (3, 3) and (value == np.eye(3)).all() else ", ".join(f"{each:g}" for each in value.ravel())
-    if isinstance(value, str):
-        return f'`"{value}"`'
-    return "none" if value in (None, (), {}) else str(value)
+        identity = value.shape == (3, 3) and (value == np.eye(3)).all()
+        return " (identity)" if identity else f" ({', '.join(f'{each:g}' for each in value.ravel())})"
+    return "" if value in (None, (), {}, "") else f' (`"{value}"`)' if isinstance(value, str) else f" ({value})"
 
 
 # Schemas.

@@ -73,7 +73,7 @@ def rows(*kinds: Any) -> Iterator[str]:
                 value = metavar(each, rule)
                 name = value or each.name.upper() if rule.positional else f"{flag(kind, each.name)} {value}".strip()
                 if rule.rare:
-                    rare.append(f"`{name}`")
+                    rare.append(f"`{name.split()[0]}`")
                 else:
                     yield f"- `{name}`: {brief(help_of(each, rule))}"
     if rare:

@@ -272,7 +272,7 @@ def test_examples_of_docstrings_run(name):
     [
         (lambda: tinygc.fit("x", method=("raw",)), "fit: no option 'method'; did you mean methods?"),
         (lambda: tinygc.simulate(tinygc.FitOptions()), "options is of type FitOptions, expected tinygc.SimulationOptions"),
-        (lambda: tinygc.fit([1, 2]), "session is of type list, expected a tinygc.Session or the path of its folder"),
+        (lambda: tinygc.fit([1, 2]), "session is a list, expected a tinygc.Session, the path of its folder, or a table"),
         (lambda: tinygc.fit(), "fit: missing a required argument: 'session'"),
         (lambda: tinygc.sensors("asm330lh"), "is no sensor that is known; is ASM330LHH meant?"),
         (lambda: tinygc.simulate(effects={"gyro.bias_drift": {"dps_over_log": [1, 0]}}), "has shape (2,), expected (3,)"),

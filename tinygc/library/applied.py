@@ -18,6 +18,8 @@ from tinygc.deploy import Beside
 from tinygc.deploy.apply import Applied, apply_model, model_of
 from tinygc.deploy.calibration import Calibration
 from tinygc.library.arguments import column_unit, is_fit, public
+from tinygc.library.logs import session_of_table
+from tinygc.library.tables import is_table
 from tinygc.models.files import load_with_table
 
 #: what features add to it
@@ -43,7 +45,7 @@ def apply(
     model : Calibration, Fit, str or Path
         A calibration, a model file, or the folder of a session: the model that its fit recommends.
     data : array_like, Log, str or Path
-        Measured rates (N, 3); a session's log; or a standard log's file, with ``out``.
+        Measured rates (N, 3); a session's log; a table, as ``read_log`` reads it; or a standard log's file, with ``out``.
     out : str or Path, optional
         The log to write, .csv or .csv.gz, of a log file.
     acc, temp : array_like, optional
@@ -78,6 +80,8 @@ def apply(
     if named := [name for name, value in {"out": out, **choices}.items() if value is not None]:
         raise CalibrationError(f"apply: {', '.join(named)} goes with a log file, and data is a {type(data).__name__}; leave it out")
     calibration = _calibration(model)
+    if is_table(data):
+        data = session_of_table(data).logs[0]
     if not isinstance(data, Log):
         return calibration(data, acc, temp, unit=unit)
     if acc is not None or temp is not None or unit != "rad/s":

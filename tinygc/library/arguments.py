@@ -10,7 +10,6 @@ from functools import wraps
 from inspect import signature
 from math import isfinite
 from os import PathLike
-from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
@@ -18,7 +17,6 @@ import numpy as np
 from session.base.errors import CalibrationError, DataError
 from session.base.options import keywords as keywords_of
 from session.base.units import DEG
-from session.log.folder import Session
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -103,15 +101,6 @@ def public(*records: type) -> Callable[[Callable[P, R]], Callable[P, R]]:
         return call
 
     return decorate
-
-
-def session_or_folder(session: Any) -> Session | Path:
-    """Return a session, or the path of its folder; CalibrationError for anything else."""
-    if isinstance(session, Session):
-        return session
-    if isinstance(session, str | PathLike):
-        return Path(session)
-    raise CalibrationError(f"session is of type {type(session).__name__}, expected a tinygc.Session or the path of its folder")
 
 
 def is_fit(value: Any) -> bool:

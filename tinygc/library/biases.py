@@ -41,7 +41,8 @@ from tinygc.fitting.bias_of_day import (
 from tinygc.fitting.fit_file import SCHEMA, segments_table
 from tinygc.fitting.unit_state import UnitState, read_state, spread_of
 from tinygc.library.applied import stored_model
-from tinygc.library.arguments import public, session_or_folder
+from tinygc.library.arguments import public
+from tinygc.library.logs import session_or_folder
 from tinygc.library.records import Estimate, Named, Shown
 from tinygc.models.denoiser import DenoisedNet
 from tinygc.models.model import Model
@@ -213,7 +214,7 @@ def rebias(
 
     Parameters
     ----------
-    session : Session, str or Path
+    session : Session, table, str or Path
         The new recording, or its folder.
     model : Calibration, Fit, str or Path
         The stored calibration, or its file; of a fit, least squares.

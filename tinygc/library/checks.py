@@ -14,7 +14,9 @@ from session.detect.stills import SessionStills
 from session.log.folder import Session
 from tinygc.closure.prepared import first_look_at_fit
 from tinygc.estimation.options import Clock
-from tinygc.library.arguments import public, session_or_folder
+from tinygc.library.arguments import public
+from tinygc.library.logs import session_of_table, session_or_folder
+from tinygc.library.tables import is_table
 from tinygc.noise.measured import measured_noise
 
 
@@ -24,7 +26,7 @@ def check(session: Any, **choices: Any) -> list[Finding]:
 
     Parameters
     ----------
-    session : Session, ArraySession, str or Path
+    session : Session, ArraySession, table, str or Path
         The recording, or its folder.
 
     Returns
@@ -47,7 +49,7 @@ def check(session: Any, **choices: Any) -> list[Finding]:
 
     """
     at_rest, clock = measured_noise(), Clock(**choices).clock
-    recording = Path(session) if isinstance(session, str | PathLike) else session
+    recording = Path(session) if isinstance(session, str | PathLike) else session_of_table(session) if is_table(session) else session
     if (found := features.first("check of a recording", recording, clock, first_look_at_fit)) is not None:
         return found
     if isinstance(recording, Path):

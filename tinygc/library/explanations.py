@@ -22,7 +22,8 @@ from tinygc.explanation.checked import Checked, checked_to_json
 from tinygc.explanation.checked import check_on as check
 from tinygc.explanation.engine import explain_session
 from tinygc.explanation.result import to_json
-from tinygc.library.arguments import public, session_or_folder
+from tinygc.library.arguments import public
+from tinygc.library.logs import session_or_folder
 from tinygc.library.records import Listed, Shown
 from tinygc.reporting.checked_text import checked_page
 from tinygc.reporting.drawing import Picture, saved
@@ -181,7 +182,7 @@ def explain(
 
     Parameters
     ----------
-    session : Session, str or Path
+    session : Session, table, str or Path
         The recording, or its folder.
     check_on : sequence of Session, str or Path, optional
         Other recordings of the unit, or folders of them, on which each effect is checked with the size that it has here.

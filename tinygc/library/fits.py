@@ -22,7 +22,8 @@ from tinygc.estimation.options import FitOptions
 from tinygc.fitting.fit import fit_session
 from tinygc.fitting.fit_file import model_tables, save_models, to_json
 from tinygc.fitting.results import FitResult
-from tinygc.library.arguments import chosen, public, session_or_folder
+from tinygc.library.arguments import chosen, public
+from tinygc.library.logs import session_or_folder
 from tinygc.library.records import Estimate, Named, Shown, accelerometer_estimates
 from tinygc.models.linear import NAMES
 from tinygc.reporting import ReportOptions
@@ -187,7 +188,7 @@ def fit(session: Session | Path | str, options: FitOptions | None = None, *, pro
 
     Parameters
     ----------
-    session : Session, str or Path
+    session : Session, table, str or Path
         The recording, or its folder.  Rates are in rad/s, specific force in m/s^2, both (N, 3) in body axes forward, right, down.
     options : FitOptions, optional
         Options that decide the fit's numbers.

@@ -22,6 +22,7 @@ from session.replay.convert import Imported as Imported
 from session.replay.importing import import_log as import_files
 from session.replay.options import Answers, Into
 from tinygc.library.arguments import public
+from tinygc.library.tables import is_table, write_table
 
 Paths = str | PathLike[str] | Sequence[str | PathLike[str]]
 
@@ -74,6 +75,18 @@ class LogArrays:
         sensor = replace(made.config.sensor, odr_hz=self.odr_hz)
         logs = tuple(replace(log, comments=dict(self.comments), raw=self.raw) for log in made.logs)
         return replace(made, config=replace(made.config, sensor=sensor), logs=logs)
+
+
+@contextmanager
+def _files(data: Any) -> Iterator[list[Path]]:
+    """The paths of logs; of a table in memory that of its text."""
+    if not is_table(data):
+        yield _paths(data)
+        return
+    with TemporaryDirectory(prefix="table-") as folder:
+        path = Path(folder) / "data"
+        write_table(data, path)
+        yield [path]
 
 
 def _paths(paths: Paths) -> list[Path]:
@@ -168,13 +181,14 @@ def import_log(
 
 
 @public(Answers)
-def read_log(paths: Paths, *, columns: Sequence[str] | None = None, **answers: Any) -> LogArrays:
+def read_log(paths: Any, *, columns: Sequence[str] | None = None, **answers: Any) -> LogArrays:
     """Read any program's log as arrays in SI, without a folder.
 
     Parameters
     ----------
-    paths : str, Path or sequence of them
-        The log; or the gyroscope's and the accelerometer's; or a folder or an archive that holds them.
+    paths : str, Path or sequence of them, or a table
+        The log; or the gyroscope's and the accelerometer's; or a folder or an archive that holds them; or a DataFrame, a dict of arrays,
+        an array with named columns, or one whose columns physics shows.
     columns : str or sequence of str, optional
         Which column is what, ``"t_us=time,gx_dps=wx,…"``; of several files, one for each.
 
@@ -197,9 +211,9 @@ def read_log(paths: Paths, *, columns: Sequence[str] | None = None, **answers: A
     True
 
     """
-    with asking_for_keywords(), TemporaryDirectory(prefix="read-log-") as folder:
+    with asking_for_keywords(), _files(paths) as files, TemporaryDirectory(prefix="read-log-") as folder:
         try:
-            made = import_files(_paths(paths), Path(folder) / "log", Answers(**answers), columns=columns_of(columns))
+            made = import_files(files, Path(folder) / "log", Answers(**answers), columns=columns_of(columns))
             session = read_session(made.folder)
         except CalibrationError as error:
             if folder not in str(error):
@@ -225,3 +239,25 @@ def read_log(paths: Paths, *, columns: Sequence[str] | None = None, **answers: A
         log.raw,
         log.comments,
     )
+
+
+# Whatever goes where a session goes.
+
+
+def session_of_table(table: Any) -> Session:
+    """The session of a table that states its units, or whose units physics shows.  Raises what ``read_log`` does."""
+    try:
+        return read_log(table).session()
+    except QuestionsError as asked:
+        raise FormatError(f"{asked}, all to tinygc.read_log(data, …).session()") from None
+
+
+def session_or_folder(session: Any) -> Session | Path:
+    """Return a session, that of a table in memory, or the path of its folder; CalibrationError for anything else."""
+    if isinstance(session, Session):
+        return session
+    if isinstance(session, str | PathLike):
+        return Path(session)
+    if is_table(session):
+        return session_of_table(session)
+    raise CalibrationError(f"session is a {type(session).__name__}, expected a tinygc.Session, the path of its folder, or a table")

@@ -20,7 +20,8 @@ from session.log.folder import Session
 from tinygc.deploy import FORMATS, NOISE_FORMATS, ExportError, ExportOptions, exports, feature_exports, format_named
 from tinygc.deploy.exports._context import Context, NoiseSource, read_context
 from tinygc.estimation.options import FitOptions
-from tinygc.library.arguments import chosen, is_fit, public, session_or_folder
+from tinygc.library.arguments import chosen, is_fit, public
+from tinygc.library.logs import session_or_folder
 from tinygc.library.records import Shown
 from tinygc.models.model import Model
 from tinygc.noise.figures import NoiseFigures
@@ -115,7 +116,7 @@ def report(
 
     Parameters
     ----------
-    session : Session, Fit, str or Path
+    session : Session, Fit, table, str or Path
         The recording, its folder, or its fit, which is not computed again.
     path : str or Path, optional
         The HTML file to write; without it ``save`` writes the report.

@@ -14,7 +14,8 @@ from session.detect.check_references import own_fit
 from session.log.config import Accelerometer
 from session.log.folder import Session, read_session
 from tinygc.estimation.accelerometer import AccelerometerFit, of_lengths
-from tinygc.library.arguments import public, session_or_folder
+from tinygc.library.arguments import public
+from tinygc.library.logs import session_or_folder
 from tinygc.library.records import Estimate, Listed, Named, Shown, accelerometer_estimates
 from tinygc.planning.proposals import Proposal, propose
 from tinygc.reporting.fit_text import lengths_page
@@ -75,7 +76,7 @@ def accelerometer(session: Session | Path | str) -> OwnAccelerometer:
 
     Parameters
     ----------
-    session : Session, str or Path
+    session : Session, table, str or Path
         The recording, or its folder.  The calibration of the accelerometer that it has is not used.
 
     Returns
@@ -159,7 +160,7 @@ def plan(session: Session | Path | str, *, count: int = 5) -> Plan:
 
     Parameters
     ----------
-    session : Session, str or Path
+    session : Session, table, str or Path
         What was recorded so far, or its folder.
     count : int, optional
         Movements at most.

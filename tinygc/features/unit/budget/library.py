@@ -35,7 +35,8 @@ from tinygc.features.unit.budget.quantities import (
 from tinygc.features.unit.options import BudgetOptions
 from tinygc.fitting.fit import fit_session
 from tinygc.fitting.results import FitResult
-from tinygc.library.arguments import is_fit, public, session_or_folder
+from tinygc.library.arguments import is_fit, public
+from tinygc.library.logs import session_or_folder
 from tinygc.library.records import Kept
 from tinygc.reporting import facts
 from tinygc.reporting.drawing import Axis, Panel

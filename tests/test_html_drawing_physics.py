@@ -45,14 +45,14 @@ def test_numbers_have_the_digits_that_are_known(value, sigma, said):
 
 def test_a_panel_places_what_it_is_given():
     panel = Panel(Axis("x", 0, 10), Axis("y", log=True), about="about <it>")
-    panel.points([0, 10, 5], [0.01, 1.0, np.nan], "y", says=["a", "b", "<c>"], name="dots")
+    panel.points([0, 10, 5], [0.01, 1.0, np.nan], "y", labels=["a", "b", "<c>"], name="dots")
     shapes, _ = Picture([panel]).shapes(400)
     (dots,) = [shape for shape in shapes if shape.radius and len(shape.parts[0]) > 1]
     ((left, bottom), (right, _)) = next(shape.parts[0] for shape in shapes if shape.kind == "rule")
     (x0, y0), (x1, y1) = dots.parts[0]
     assert (x0, x1) == pytest.approx((left, right))
     assert (bottom - y0) / (y0 - y1) == pytest.approx(np.log(0.01 / 0.005) / np.log(100))
-    assert list(dots.says) == ["a", "b"]
+    assert list(dots.labels) == ["a", "b"]
     svg = panel.line(np.linspace(0, 10, 100_000), np.full(100_000, 0.5), "x").svg(400)
     assert len(svg) < 40_000
     assert svg.count("<circle") == 3  # with that of the legend

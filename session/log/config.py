@@ -112,7 +112,7 @@ class Sensor:
 
     @property
     def nominal_rate(self) -> NominalRate | None:
-        """What ``odr_hz`` is worth where samples were counted at it; None where session.toml says that it was measured.
+        """What ``odr_hz`` is worth where samples were counted at it; None where session.toml states that it was measured.
 
         Without ``odr_sigma`` it may be anywhere within the model's tolerance, a rectangular distribution (GUM 4.3.7).
         """
@@ -136,7 +136,7 @@ class Sensor:
 
     @property
     def own_units(self) -> dict[str, float | None]:
-        """What session.toml itself says of its registers, by the names of its keys."""
+        """What session.toml itself states of its registers, by the names of its keys."""
         return {name: getattr(self, name) for name in OWN_UNITS}
 
 

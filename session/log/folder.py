@@ -168,8 +168,8 @@ class Session:
             require_kind(what, record, (kind, NoneType), f"a tinygc.{kind.__name__}")
         protocol = protocol or Protocol(reference=next(iter(further), "gravity"))
         kind = reference_of(protocol.reference)
-        asked = [] if kind is None or not kind.accelerometer else [kind.word]
-        if list(further) != asked or (protocol.reference != "gravity" and not asked):
+        wanted = [] if kind is None or not kind.accelerometer else [kind.word]
+        if list(further) != wanted or (protocol.reference != "gravity" and not wanted):
             words = [each.word for each in features.each("reference") if each.accelerometer]
             others = "".join(f', or "{word}" with {word}=' for word in words)
             raise DataError(f'protocol.reference is "{protocol.reference}"; arrays have "gravity"{others}')
@@ -260,7 +260,7 @@ class Session:
 
     @property
     def clock(self) -> NominalRate | None:
-        """What the logs' times are worth: that rate, else the clock that stamps them, where session.toml says how good it is."""
+        """What the logs' times are worth: that rate, else the clock that stamps them, where session.toml states how good it is."""
         sensor = self.config.sensor
         if self.nominal_rate is not None or not sensor.clock_sigma:
             return self.nominal_rate
@@ -268,10 +268,10 @@ class Session:
 
     @property
     def clock_known(self) -> bool:
-        """Whether anything says how far the logs' clock may be off."""
+        """Whether anything states how far the logs' clock may be off."""
         sensor = self.config.sensor
-        told = (sensor.odr_sigma, sensor.clock_sigma_ppm, sensor.clock_ratio)
-        return self.nominal_rate is not None or any(each is not None for each in told)
+        stated = (sensor.odr_sigma, sensor.clock_sigma_ppm, sensor.clock_ratio)
+        return self.nominal_rate is not None or any(each is not None for each in stated)
 
     def on_clock(self, clock: str) -> Session:
         """The session by this clock, one of ``CLOCKS``: ``arrivals`` divides all times by ``sensor.clock_ratio``, once.
@@ -452,7 +452,7 @@ def _read_attitudes(path: Path) -> tuple[np.ndarray, tuple[int | None, ...]]:
 
 
 def input_files(session: Session) -> list[Path]:
-    """Every file of a session that a result depends on: session.toml, logs, closure runs, and tables beside them."""
+    """Every file of a session that a result depends on: session.toml, logs, closure runs, and tables next to them."""
     dials = [session.folder / "attitudes.csv"] if session.attitudes is not None else []
     dials += [session.folder / KNOWN_TURNS] if session.turns and not session.in_memory else []
     further = [] if session.in_memory or session.reference is None else [path for path, _ in session.reference.arrays]
@@ -524,7 +524,7 @@ def refuse_same(paths: Sequence[Path]) -> None:
 
 def add_notes(path: Path, notes: Mapping[str, Note]) -> str:
     """Add to ``[notes]``, and give the file's text, which its folder may not outlive.  What is there already in the same words is left;
-    FormatError where it says something else."""
+    FormatError where it states something else."""
     from session.log.written import notes_text
 
     text, table = _read(path)
@@ -609,7 +609,7 @@ def _parsed(text: str, where: str) -> dict:
 
 
 def _replace(path: Path, text: str, wanted: dict) -> str:
-    """A text that says what is wanted becomes the file, in one step: no reader sees half of it."""
+    """A text that states what is wanted becomes the file, in one step: no reader sees half of it."""
     try:
         right = _parsed(text, str(path)) == wanted
     except FormatError:

@@ -34,7 +34,7 @@ class Layout:
     """Of a standard log (docs/formats.md): commas, no quotes, whole numbers for registers and for stamps in ns or us.
 
     first: number of lines before the rows; time: its column, or None where rows are only counted; time_ns per unit of it; gyro, accel: what
-    is there; temp: column; names of all columns; header_line as it stands in the file; remark: what was chosen without being told;
+    is there; temp: column; names of all columns; header_line as it stands in the file; remark: what was chosen without being stated;
     delimiter (None: white space).
     """
 
@@ -83,7 +83,7 @@ class Layout:
         return self.time_ns < NS_PER_S if column == self.time else self.is_register(column)
 
     def name(self, column: int) -> str:
-        """A column's name, as a complaint says it."""
+        """A column's name, as a message has it."""
         return self.names[column] if column < len(self.names) else f"column {column + 1}"
 
     def gyro_si(self, units: RegisterUnits) -> float:

@@ -16,9 +16,9 @@ from typing import Any
 from session.base.errors import FormatError
 from session.base.files import MB, open_file, open_stream, unreadable
 
-#: what begins UTF-16, and what is said of it
+#: what begins UTF-16, and its description
 UTF_16, UTF_16_NOTE = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE), "UTF-16: read as text"
-#: what is said of a file of which no one knows how much is lost
+#: the note on a file of which no one knows how much is lost
 BREAKS_OFF = "the compressed file breaks off: the part before is used"
 
 
@@ -56,7 +56,7 @@ COMMENT = re.compile(r"^[^\S\n]*+#(.*)$", re.M)
 
 
 class Lines:
-    """``take()`` gives the next lines, without their ends, and an empty list at the end; ``note`` says if the file breaks off;
+    """``take()`` gives the next lines, without their ends, and an empty list at the end; ``note`` is there if the file breaks off;
     ``comments``: the ``key=value`` words of the comment lines so far, a later one in the place of an earlier."""
 
     def __init__(self, path: Path, strict: bool = False):
@@ -70,7 +70,7 @@ class Lines:
         self.once = stream is not None  # it cannot be opened again
         self._file = open_file(path) if stream is None else stream
         try:
-            # A stream has no name that tells.
+            # A stream has no name that shows it.
             packed = path.suffix.lower() == ".gz" or (self.once and self._file.peek(2)[:2] == GZIP)
         except OSError as error:
             raise unreadable(path, error) from None
@@ -175,13 +175,13 @@ class Lines:
             before = 0 if sound else self._zeros
             self._zeros = before + len(data) - len(sound)
             if self._zeros > MOST_ZEROS:
-                raise FormatError(self._says_zeros())
+                raise FormatError(self._zeros_words())
             if sound or not before:
                 return sound + b"\0"
         self._zeros = 0
         return data
 
-    def _says_zeros(self) -> str:
+    def _zeros_words(self) -> str:
         name, cut = self._path.name, "cut it there" if self._unpack is None else "unpack it, and cut it there"
         if self._unpack is None and not self.once:
             begin = self._file.tell() - self._zeros

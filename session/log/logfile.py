@@ -91,7 +91,7 @@ class Log:
         return f"<Log {self.path.name}: {len(self.samples)} samples, {self.samples.duration_s:.1f} s>"
 
 
-#: key of a comment that says what of a log ``apply`` has calibrated
+#: key of a comment that states what of a log ``apply`` has calibrated
 CALIBRATED = "calibrated"
 
 
@@ -104,7 +104,7 @@ def number_in(comments: Mapping[str, str], key: str) -> float | None:
 
 
 def already_calibrated(comments: dict[str, str]) -> frozenset[str] | None:
-    """``gyro``, ``accel`` or both, as the comments of a log say that ``apply`` wrote; None of a log as it was measured."""
+    """``gyro``, ``accel`` or both, from the comments that ``apply`` wrote in a log; None of a log as it was measured."""
     return frozenset(comments[CALIBRATED].split(",")) if CALIBRATED in comments else None
 
 
@@ -139,7 +139,7 @@ def read_log(path: Path, sensor: Sensor, gyro_alone: bool = False) -> Log:
         packers[1].add(np.full((len(t_ns), 3), np.nan))
     gyro, accel = (packer.readings(times(si)) for packer, si in zip(packers, factors, strict=False))
     samples = Samples(t_ns, gyro, accel, _temperature(packers[2], layout, units))
-    notes = reader.said(sound, sensor.model, samples.temp_c is not None)
+    notes = reader.notes_on(sound, sensor.model, samples.temp_c is not None)
     if not fresh(samples.t_ns).all():
         samples, more = _with_stamps_of_their_own(samples, path.name)
         notes += more
@@ -204,9 +204,9 @@ def rows_of(path: Path) -> Iterator[tuple[int, str]]:
 
 NAME = "turns.csv"
 COLUMNS = ("turn", "axis", "angle_deg", "sigma_deg")
-#: any order, and ``log`` besides where turns are counted within each log
+#: any order, and ``log`` as well where turns are counted within each log
 LOG = "log"
-#: a stop that repeats worse than this tells nothing that a gyroscope does not know
+#: a stop that repeats worse than this adds nothing to a gyroscope's own reading
 MOST_SIGMA_DEG = 10.0
 #: full circles in one turn; beyond that the angle is in another unit
 MOST_ANGLE_DEG = 36_000.0
@@ -268,7 +268,7 @@ def read_known_turns(path: Path, logs: list[str]) -> tuple[KnownTurn, ...]:
 
 
 def known_turn(where: str, cell: Mapping[str, str], logs: list[str]) -> KnownTurn:
-    """A turn of its four cells as text, and of ``log``; logs: names of the session's logs.  FormatError says what is wrong, and where."""
+    """A turn of its four cells as text, and of ``log``; logs: names of the session's logs.  FormatError states what is wrong, and where."""
     words = ";".join(part.strip() for part in cell["axis"].split(";"))  # a number may stand between invisible characters
     turn = _number(where, "turn", cell["turn"], "a whole number, the first turn is 0")
     if turn != int(turn) or not 0 <= turn < MOST_TURNS:

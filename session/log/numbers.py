@@ -42,7 +42,7 @@ def parse(lines: list[str], layout: Layout, unsigned: set[str] | None = None) ->
     """Numbers (N, ``layout.numbers``) as written, and stamps (N,) int64 ns as written, or None where there is no row.
 
     unsigned: kinds whose registers are known to be unsigned, to which those are added that are found to be; they become signed.
-    Raises RowFault, and ValueError where a line cannot be read: ``fault`` says why.
+    Raises RowFault, and ValueError where a line cannot be read: ``fault`` states why.
     """
     if not has_rows(lines):
         return np.zeros((0, len(layout.numbers))), None
@@ -173,17 +173,17 @@ def fault(line: str, layout: Layout, time_of: Callable[[str], object] = float) -
 
 
 def _cell_fault(cell: str, column: int, layout: Layout, time_of: Callable[[str], object]) -> str | None:
-    whole, says = layout.is_whole(column), f"{layout.name(column)} is {cell[:20]!r}"
+    whole, cell_text = layout.is_whole(column), f"{layout.name(column)} is {cell[:20]!r}"
     if whole and re.fullmatch(r"[-+]?[0-9]+", cell):
         if len(cell) > 1000 or not INT64[0] <= int(cell) <= INT64[1]:
-            return f"{says}{'…' if len(cell) > 20 else ''}, a number too long for any register or stamp"
+            return f"{cell_text}{'…' if len(cell) > 20 else ''}, a number too long for any register or stamp"
         return None
     try:
         if whole or "_" in cell:  # Python reads 1_000, and numpy does not
             raise ValueError
         (time_of if column == layout.time else float)(cell)
     except (ValueError, OverflowError):
-        return f"{says}, expected {'a whole number' if whole else 'a number'}"
+        return f"{cell_text}, expected {'a whole number' if whole else 'a number'}"
     return None
 
 

@@ -1,4 +1,4 @@
-"""Rows of several sensors in one log, which read as one sensor's would be false: found by a column that says which sensor a row is of."""
+"""Rows of several sensors in one log, which read as one sensor's would be false: found by a column that names the sensor a row is of."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from itertools import pairwise
 from session.base.errors import FormatError
 from session.base.texts import listed
 
-#: names of columns that say which sensor a row is of, without what is no letter
+#: names of columns that name the sensor a row is of, without what is no letter
 SENSORS = (
     *("i", "inst", "instance", "imu", "imuid", "imuno", "sensor", "sensorid", "sensorno", "device", "deviceid", "dev", "unit", "id"),
     *("node", "addr", "address", "chip", "board", "bus", "side", "source", "mac", "macaddress", "name", "devicename", "sensorname"),
@@ -52,7 +52,7 @@ class Watch:
     """Refuses rows of several sensors, by a log's first rows and then piece by piece."""
 
     def __init__(self, lines: Sequence[str], form: Form):
-        """lines: the first rows that are wanted.  Raises FormatError, which says which sensors there are and how to pick one."""
+        """lines: the first rows that are wanted.  Raises FormatError, which names the sensors there are and how to pick one."""
         self.form = form
         rows = form.rows(lines)
         cells = [row.split(form.delimiter) for row in rows]
@@ -73,7 +73,7 @@ class Watch:
 
 
 def refuse_turns(lines: Sequence[str], time: int, form: Form) -> None:
-    """FormatError where rows of one moment come from several sensors in turn, told apart by a column of any name.
+    """FormatError where rows of one moment come from several sensors in turn, distinguished by a column of any name.
 
     lines: a log's first; time: the column of the stamps.  The column's values come round in each group of rows that share a stamp, or
     nearly.

@@ -23,7 +23,7 @@ from session.log.thermometer import Sound
 
 #: of text that is looked through for a header, from the first line that is neither blank nor a comment
 HEAD_LINES, HEAD_BYTES = 400, 1 << 16
-#: characters in which a zero byte says that this is no text; further on it is a line that broke
+#: characters in which a zero byte shows that this is no text; further on it is a line that broke
 TEXT_BEGINS = 1000
 #: rows of one stamp, many times as many as the coarsest stamps, whole seconds, share at any sensor's rate
 MOST_STANDING = 1_000_000
@@ -45,7 +45,7 @@ class Piece:
 class Reader:
     """One file: ``layout`` at once, ``pieces()`` once, ``notes`` and ``comments`` as they are met."""
 
-    #: what to do, beside a split, where stamps go back, and whether they are times of a day
+    #: what to do, apart from a split, where stamps go back, and whether they are times of a day
     else_do, is_clock = "or correct the stamps", False
 
     def __init__(self, path: Path, gyro_alone: bool = False):
@@ -125,7 +125,7 @@ class Reader:
                 number, skip, lines = number + len(lines), max(skip - len(lines), 0), following
 
     def unrolled(self, stamps: np.ndarray) -> np.ndarray:
-        """(N,) ns that go on, of all stamps (N,) ns as they were written: all of them together tell a counter from an epoch.
+        """(N,) ns that go on, of all stamps (N,) ns as they were written: all of them together distinguish a counter from an epoch.
 
         Raises FormatError with the line from which they go back.
         """
@@ -141,7 +141,7 @@ class Reader:
         except FormatError as error:
             raise FormatError(f"{self.path.name} holds registers: {error}") from None
 
-    def said(self, sound: Sound, model: str, has_temperature: bool) -> list[str]:
+    def notes_on(self, sound: Sound, model: str, has_temperature: bool) -> list[str]:
         """The notes once all rows are read; sound: of its thermometer; model: of its sensor."""
         notes = [*self.notes, *sound.notes]
         if self.layout.temp is not None and not has_temperature:
@@ -149,7 +149,7 @@ class Reader:
         return notes + ([f"the time counter came round {self.wraps}x: unrolled"] if self.wraps else [])
 
     def _head(self, is_enough: Callable[[list[str]], bool], most: int | None = HEAD_LINES) -> list[str]:
-        """The first lines, as far as ``is_enough``, which is asked of each further part; most: from the first of content on."""
+        """The first lines, as far as ``is_enough``, which is called with each further part; most: from the first of content on."""
         file = Lines(self.path)
         try:
             lines = more = file.take(HEAD_BYTES)
@@ -284,13 +284,13 @@ class Reader:
                 kept[i] = ""  # numpy takes blanks for a number that is missing
             elif problem := self._fault(line):
                 leave_out(i, problem)
-        # No rule of ours: numpy itself says which is the first line that it cannot take.
+        # No rule of ours: numpy itself finds which is the first line that it cannot take.
         if (row := unreadable(kept, self._parse)) is not None:
             leave_out(row, f"{kept[row][:40]!r} cannot be read as numbers")
         return kept
 
     def _refuse_restart(self, lines: list[str], wrong: int, number: int) -> None:
-        """FormatError where a line that holds no reading is what a board says when it starts: behind it the time begins again."""
+        """FormatError where a line that holds no reading is what a board sends when it starts: behind it the time begins again."""
         stamps: list[int] = []
         for part in (reversed(lines[max(wrong - BOOT_LINES, 0) : wrong]), lines[wrong + 1 : wrong + BOOT_LINES]):
             for line in part:

@@ -62,7 +62,7 @@ def nearest_name(model: str) -> str | None:
 
 @dataclass(frozen=True)
 class RegisterUnits:
-    """Of a model at its full scales, dps and g, or as its data sheet says (mdps and mg per LSB, LSB per degC, degC where 0 is read).
+    """Of a model at its full scales, dps and g, or as in its data sheet (mdps and mg per LSB, LSB per degC, degC where 0 is read).
 
     A property raises FormatError on access where its model or full scale is unknown.
     """

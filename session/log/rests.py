@@ -100,14 +100,14 @@ def read_rest(path: Path, sensor: Sensor, watch: Watch = lambda samples: None) -
         watch(samples)
     if blocks.samples == 0:
         raise FormatError(f"{path.name}: a header but no samples; was the recording stopped before it began?")
-    notes = reader.said(sound, sensor.model, has_temperature)
+    notes = reader.notes_on(sound, sensor.model, has_temperature)
     if repeated:
         notes.append(f"{repeated} rows repeat the stamp before them: left out")
     log = blocks.log(path, float(np.median(steps_s)) if steps_s else np.nan, tuple(notes))
     if len(log) < 2:
         raise DataError(
             f"{path.name}: {blocks.samples} samples, less than two blocks of {blocks.block_s:g} s; "
-            "expected a rest of minutes; is sensor.odr_hz right, and are the stamps in the unit that the header says?"
+            "expected a rest of minutes; is sensor.odr_hz right, and are the stamps in the unit of the header?"
         )
     return log
 
@@ -157,7 +157,7 @@ class BlockMeans:
         rows = np.column_stack([number[starts], np.add.reduceat(columns, starts, axis=0)])
         self._blocks += len(rows)
         if self._blocks > MOST_BLOCKS:
-            raise DataError(f"more than {MOST_BLOCKS} blocks of {self.block_s:g} s; are the stamps in the unit that the header says?")
+            raise DataError(f"more than {MOST_BLOCKS} blocks of {self.block_s:g} s; are the stamps in the unit of the header?")
         if self._open is not None:
             if self._open[0] == rows[0, 0]:
                 rows[0, 1:] += self._open[1:]

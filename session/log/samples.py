@@ -370,7 +370,7 @@ Found = TypeVar("Found")
 
 
 def once(work: Callable[Concatenate[Samples, P], Found]) -> Callable[Concatenate[Samples, P], Found]:
-    """Computes what depends on the stamps and rates of samples only once, whatever the specific force beside them."""
+    """Computes what depends on the stamps and rates of samples only once, whatever the specific force with them."""
 
     @wraps(work)
     def known(samples: Samples, *more: P.args, **named: P.kwargs) -> Found:

@@ -24,7 +24,7 @@ class Figure:
 
 
 def remembered(value: float) -> Figure:
-    """A figure that nobody looked up."""
+    """A figure that was not looked up."""
     return Figure(value, "its data sheet, remembered", read=False)
 
 

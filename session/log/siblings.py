@@ -1,4 +1,4 @@
-"""Other recordings of one unit: the session folders beside one, or in a folder, that name its serial number."""
+"""Other recordings of one unit: the session folders next to one, or in a folder, that name its serial number."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from session.base.errors import CalibrationError, DataError
 from session.base.names import is_session, is_special, refuse_special
 from session.log.config import read_config
 
-#: most folders beside a session that are looked at; a fleet's own command reads more
+#: most folders next to a session that are looked at; a fleet's own command reads more
 MOST_LOOKED_AT = 200
 
 

@@ -29,8 +29,8 @@ LEAST_WINDOWS = 4
 STEP_OFF = 0.45  #: of a period: a step that is off by more is counted; below the half, which steps of a coarse clock may hit
 #: samples on either side of a step, of which the least delayed counts: a burst of a telephone is over after 5 to 20
 WINDOW = 32
-LOST = 0.75  #: of a period: a step that lasts and is larger has lost a sample
-LAG = 512  #: samples over which late stamps tell the period, where there are four times as many
+LOST = 0.75  #: of a period: a step that stays and is larger has lost a sample
+LAG = 512  #: samples over which late stamps give the period, where there are four times as many
 LOST_SIGMA = 5  #: by which long steps must outnumber the short ones that late stamps make as often
 #: steps that are counted at once
 TOGETHER = 1 << 17
@@ -73,7 +73,7 @@ def pace_of(t_ns: np.ndarray) -> Pace:
         return Pace(np.nan)
     fine = _confirmed(steps)
     usual = _of_many(steps) if len(steps) >= 4 * WINDOW and steps.min() < (1 - STEP_OFF) * fine else fine
-    # Where stamps are late by half a period, some steps count as none and the period comes out too short: then many samples tell it.
+    # Where stamps are late by half a period, some steps count as none and the period comes out too short: then many samples give it.
     late = _late(steps, fine) or (float(steps.min()) < usual / 2 and _late(steps, usual))
     if not (late or (_even(steps, fine) and np.gcd.reduce(steps) >= fine / 2)):
         return Pace(fine * NS)
@@ -142,9 +142,9 @@ COUNTER = 2**32
 DAY_NS = 86_400 * NS_PER_S
 #: of the span of these two: what may lie between the last stamp before it comes round and the first after; at 32 bits of us, 9 minutes
 NEAR_ENDS = 1 / 8
-#: rows of one round at least: with fewer nobody can tell a step forward from one back
+#: rows of one round at least: with fewer a step forward cannot be distinguished from one back
 LEAST_A_ROUND = 4
-#: stamps up to here, 146 years, can be told apart in ns without overflow
+#: stamps up to here, 146 years, are distinct in ns without overflow
 ERA_NS = 2**62
 #: no time, whatever its unit
 BEYOND = Decimal(10) ** 40
@@ -168,7 +168,7 @@ def decimal_ns(text: str, unit_ns: float) -> int:
 COARSE = 0.02
 #: of the stamps' own step: how far counted samples may lie from coarse stamps before samples must be missing
 OFF = 2.0
-#: changes of coarse stamps, with fewer of which they tell no rate
+#: changes of coarse stamps, with fewer of which they give no rate
 FEW_CHANGES = 4
 
 
@@ -258,7 +258,7 @@ def why_back(t_ns: np.ndarray, before_ns: int, name: str, is_clock: bool, else_d
     """The row from which stamps (N,) go back, what happened there and what to do; None where they go on.
 
     before_ns: the stamp before them; is_clock: of the day, which has not gone on where it leaps an hour forward either; else_do: what to do
-    beside the usual.
+    in addition to the usual.
     """
     if t_ns[0] >= before_ns and not is_clock and (t_ns[1:] >= t_ns[:-1]).all():
         return None
@@ -289,21 +289,21 @@ def fresh(t_ns: np.ndarray) -> np.ndarray:
 
 # Gaps among stamps that are late by chance: what came late is caught up, what is lost never is.
 
-#: of a period: a step that lasts and is larger has lost samples, if it is so many sigmas of what they usually are
-LASTS, SURE = 1.5, 8.0
+#: of a period: a step that stays and is larger has lost samples, if it is so many sigmas of what they usually are
+STAYS, SURE = 1.5, 8.0
 
 
-def lasting_gaps(t_ns: np.ndarray, period_s: float, lasts: float = LASTS) -> tuple[np.ndarray, np.ndarray]:
+def lasting_gaps(t_ns: np.ndarray, period_s: float, stays: float = STAYS) -> tuple[np.ndarray, np.ndarray]:
     """Rows (G,) after which samples are lost, and by how much longer than a period each such step is, (G,) s, for stamps (N,) ns."""
     if len(t_ns) <= 2 * WINDOW:
         steps = np.diff(t_ns) * NS
-        rows = np.flatnonzero(steps > (1 + lasts) * period_s)
+        rows = np.flatnonzero(steps > (1 + stays) * period_s)
         return rows, steps[rows] - period_s
     least = sliding_window_view((t_ns - t_ns[0]) * NS - period_s * np.arange(len(t_ns)), WINDOW).min(axis=1)
     # Row i + WINDOW - 1 is the last one of window i, and the first of the window behind it is the next row.
     jumps = least[WINDOW:] - least[:-WINDOW]
     usual = float(np.median(np.abs(jumps))) / MEDIAN_SIGMAS
-    firsts = runs_of(jumps > max(lasts * period_s, SURE * usual))[0]
+    firsts = runs_of(jumps > max(stays * period_s, SURE * usual))[0]
     return firsts + WINDOW - 1, np.array([jumps[first : first + WINDOW].max() for first in firsts])
 
 
@@ -315,7 +315,7 @@ AMONG = 64
 UNCOUNTED = "stamps stay as they are"
 #: so many times as many samples are such a number of groups at least
 FEW_GROUPS = 8
-#: of a period: within it the least late of stamps that many share tell that no sample is missing
+#: of a period: within it the least late of stamps that many share show that no sample is missing
 STRICTLY = 0.5
 
 
@@ -350,10 +350,10 @@ def evenly(t_ns: np.ndarray, odr_hz: float | None, name: str) -> tuple[np.ndarra
         at = change if len(change) > 2 else count
         slope, start, sigma_ppm = _line(at, (t_ns[at] - t_ns[0]).astype(float), step_ns)
         fits = np.abs(t_ns - t_ns[0] - start - slope * count).max() <= OFF * step_ns
-        if fits and not _lacks_samples(change, t_ns):
+        if fits and not _misses_samples(change, t_ns):
             even = t_ns[0] + np.rint(start + slope * count).astype(np.int64)
-            said = f"{shares} (stamps of {step_ns * 1e-6:g} ms): samples were counted along them, {NS_PER_S / slope:.3f} Hz"
-            return even, said, sigma_ppm
+            note = f"{shares} (stamps of {step_ns * 1e-6:g} ms): samples were counted along them, {NS_PER_S / slope:.3f} Hz"
+            return even, note, sigma_ppm
         if not fits and (found := _along_least_late(t_ns, STRICTLY)) is not None:
             return found[0], f"{shares}, those that came late: samples were counted along the least late, {found[1]:.3f} Hz", found[2]
     shares += ", and counting along them misses them"
@@ -392,7 +392,8 @@ PARTS = 16
 def _line(count: np.ndarray, t: np.ndarray, grid: float) -> tuple[float, float, float]:
     """Slope, start and the slope's relative sigma, ppm, of a line through stamps (N,) of samples with these numbers (N,).
 
-    Each is right to within a sample, or the grid where that is finer; what is rounded in a regular pattern scatters less than it errs.
+    Each is right to within a sample, or the grid where that is finer; what is rounded in a regular pattern
+    scatters less than its error.
     """
     slope, start = np.polyfit(count, t, 1)
     sigma_ppm = _sigma_ppm(count - count.mean(), t - start - slope * count, slope)
@@ -440,7 +441,7 @@ ASIDE = 0.5
 def along_line(t_ns: np.ndarray, name: str) -> tuple[np.ndarray, str, float]:
     """Samples on straight lines of one slope through their stamps (N,) ns, a line between two gaps: what ``evenly`` returns.
 
-    Raises DataError where samples are missing and no gap says where, and where the lines miss the stamps: their rate changes.
+    Raises DataError where samples are missing and no gap shows where, and where the lines miss the stamps: their rate changes.
     """
     if len(t_ns) < 2 * AMONG:
         raise DataError(f"{name}: {len(t_ns)} samples are too few for --even, expected {2 * AMONG} or more; leave it out")
@@ -450,7 +451,7 @@ def along_line(t_ns: np.ndarray, name: str) -> tuple[np.ndarray, str, float]:
         at_s = (t_ns[hidden[0]] - t_ns[0]) * NS
         more = f" (and in {len(hidden) - 1} more places)" if len(hidden) > 1 else ""
         raise DataError(
-            f"{name}: samples are missing near {at_s:.1f} s{more}, where no gap says so: --even would misplace all behind; leave it out"
+            f"{name}: samples are missing near {at_s:.1f} s{more}, where no gap shows it: --even would misplace all behind; leave it out"
         )
     group = np.zeros(len(t_ns), dtype=int)
     group[gaps + 1] = 1
@@ -473,11 +474,11 @@ def along_line(t_ns: np.ndarray, name: str) -> tuple[np.ndarray, str, float]:
     return t_ns[0] + np.rint(even_s * NS_PER_S).astype(np.int64), note, sigma_ppm
 
 
-#: samples that a stamp's group may lack, beside so many times what groups usually differ by
+#: samples that a stamp's group may miss, in addition to so many times what groups usually differ by
 FEW, USUALLY = 2.0, 4.0
 
 
-def _lacks_samples(change: np.ndarray, t_ns: np.ndarray) -> bool:
+def _misses_samples(change: np.ndarray, t_ns: np.ndarray) -> bool:
     """Whether between two changes of the stamp (rows ``change``) far fewer samples lie than the time between them asks for."""
     if len(change) < 4:
         return False

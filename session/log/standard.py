@@ -15,7 +15,7 @@ from session.log.thermometer import degrees_by
 
 Kind = TypeVar("Kind", bound=Layout)
 TEMPERATURES = {f"temp{ending}": unit for ending, unit in endings("temp").items()}
-#: a temperature that says it is in another unit
+#: a temperature stated to be in another unit
 OTHER_TEMPERATURES = ("temp_f", "temp_k", "temp_degf", "temp_fahrenheit", "temp_kelvin", "temperature_f", "temperature_k")
 KNOWN = {
     "time": tuple(STAMP_NS),
@@ -37,41 +37,41 @@ def standard_layout(lines: list[str], name: str, gyro_alone: bool, instead: str)
 
 
 def with_degrees(layout: Kind, lines: list[str]) -> Kind:
-    """The layout, with degC for a ``temp`` that holds whole degrees, as its first lines say, where all other columns state their units."""
+    """The layout, with degC for a ``temp`` that holds whole degrees, as its first lines show, where all other columns state their units."""
     triads = [triad.unit for triad in (layout.gyro, layout.accel) if triad is not None]
     if layout.temp is None or layout.temp_unit is None or layout.temp_unit.si is not None or any(unit.si is None for unit in triads):
         return layout
     rows = (line.split("#")[0].split(layout.delimiter) for line in lines[layout.first :])
     if (unit := degrees_by([row[layout.temp] for row in rows if layout.temp < len(row)])) is None:
         return layout
-    says = f"{layout.name(layout.temp)} states no unit, where all other columns do: whole degrees, taken as °C"
-    return replace(layout, temp_unit=unit, remark="; ".join(filter(None, (layout.remark, says))))
+    remark = f"{layout.name(layout.temp)} states no unit, where all other columns do: whole degrees, taken as °C"
+    return replace(layout, temp_unit=unit, remark="; ".join(filter(None, (layout.remark, remark))))
 
 
-#: columns that say of all rows what a comment may say as well: {name: (key, what it adds)}; each row holds 1, so that other programs read
+#: columns that state of all rows what a comment may: {name: (key, what it adds)}; each row holds 1, so that other programs read
 #: nothing but numbers
 FLAGS = {"gyro_calibrated": ("calibrated", "gyro"), "accel_calibrated": ("calibrated", "accel"), "stamps_counted": ("stamps", "counted")}
 
 
 def flagged(names: Iterable[str]) -> dict[str, str]:
-    """What the flag columns among these names say, as comments say it: ``{"calibrated": "gyro,accel"}``."""
-    said: dict[str, list[str]] = {}
+    """What the flag columns among these names state, as comments have it: ``{"calibrated": "gyro,accel"}``."""
+    stated: dict[str, list[str]] = {}
     for name in names:
         if name in FLAGS:
-            said.setdefault(FLAGS[name][0], []).append(FLAGS[name][1])
-    return {key: ",".join(dict.fromkeys(values)) for key, values in said.items()}
+            stated.setdefault(FLAGS[name][0], []).append(FLAGS[name][1])
+    return {key: ",".join(dict.fromkeys(values)) for key, values in stated.items()}
 
 
-def flags_of(said: Mapping[str, str]) -> list[str]:
-    """The flag columns that say what these comments say."""
-    return [name for name, (key, word) in FLAGS.items() if word in said.get(key, "").split(",")]
+def flags_of(stated: Mapping[str, str]) -> list[str]:
+    """The flag columns that state what these comments do."""
+    return [name for name, (key, word) in FLAGS.items() if word in stated.get(key, "").split(",")]
 
 
 def parse_header(line: str, where: str, first: int = 1, gyro_alone: bool = False, instead: str = "") -> Layout:
     """Read the header line, behind which the rows begin as line ``first`` from 0; gyro_alone: it may lack an accelerometer; instead: what
     reads other logs.
 
-    FormatError (with ``where``) says which column is missing, doubled or in an unknown unit.
+    FormatError (with ``where``) names the column that is missing, doubled or in an unknown unit.
     """
     names = tuple(name.strip() for name in line.rstrip(",\r\n").split(","))
     expected = "expected t_us,gx,gy,gz,ax,ay,az,temp or units in the names (t_s, gx_dps, gx_rps, ax_g, ax_mps2, temp_c)"

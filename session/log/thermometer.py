@@ -11,7 +11,7 @@ from session.base.units import TEMPERATURE, Unit
 
 #: degC: twice the step of the coarsest thermometers; a smaller excursion is left
 _EXCURSION_C = 2.0
-#: readings on either side of one that is judged; most that fail in a row: a body that warms and cools again takes more
+#: readings on either side of one that is examined; most that fail in a row: a body that warms and cools again takes more
 AROUND, IN_A_ROW = 20, 5
 #: interquartile ranges of the readings around, beyond their quartiles: 9 sigmas of white noise
 _FENCE = 6.0
@@ -82,7 +82,7 @@ def grid_with(grid: Grid, temp_c: np.ndarray | None) -> Grid:
     return min(filter(None, (grid[0], smallest_step(temp_c))), default=0.0), float(temp_c[0])
 
 
-#: degC: of a thermometer beside people or in a chamber, as a log writes it in whole numbers
+#: degC: of a thermometer near people or in a chamber, as a log writes it in whole numbers
 WHOLE_C = (-60.0, 150.0)
 
 

@@ -16,7 +16,7 @@ from session.log.logfile import COLUMNS, LOG, KnownTurn, Log
 
 #: keys that are written in any case: what a person looks for, and changes
 ALWAYS = ("model", "serial", "matrix", "bias_mps2", "still_s", "segment_s", "reference")
-#: keys of ``[sensor]`` that hold for the logs beside it alone, and not for a recording that is made like this one
+#: keys of ``[sensor]`` that hold for the logs next to it alone, and not for a recording that is made like this one
 OF_THESE_LOGS = ("gyro_bias_repeatability_dps", "odr_sigma", "clock_ratio")
 LATITUDE_REMOVES = f"removes the Earth's rotation from the rates, up to {EARTH_RATE_RPS / MDPS:.1f} mdps"
 NO_SITE = f"# optional: latitude_deg, north positive ({LATITUDE_REMOVES}), and gravity_mps2, the local one\n"
@@ -27,7 +27,7 @@ def toml_text(config: Config, but: tuple[str, ...] = OF_THESE_LOGS) -> str:
     that are left out."""
     sensor = stated(config.sensor, ALWAYS, but)
     sensor |= {name: setting(sensor[name]) for name in ("gyro_fs_dps", "accel_fs_g") if name in sensor}
-    accelerometer = "\n# [accelerometer]  # nobody has calibrated it: the session's own stills do\n"
+    accelerometer = "\n# [accelerometer]  # not calibrated yet: the session's own stills do it\n"
     if config.accelerometer.source != "none":  # a section counts as a calibration
         accelerometer = section_text("accelerometer", stated(config.accelerometer, ALWAYS))
     requirements = {} if config.requirements is None else config.requirements.table

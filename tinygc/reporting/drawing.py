@@ -157,7 +157,7 @@ def _log_marks(lo: float, hi: float, room_px: float) -> list[tuple[float, str]]:
 class Mark:
     """Something in a panel, in units of its axes: y (n,) over x (n,), up to hi (n,) for an area, ± sigma (n,) for points.
 
-    style, kind: of ``STYLES`` and ``COLOURS``; name: in the legend; says: of each point, when pointed at, or the words that are written;
+    style, kind: of ``STYLES`` and ``COLOURS``; name: in the legend; labels: of each point, when pointed at, or the words that are written;
     radius: of points, px; is_measure: whether the limits leave room for it.
     """
 
@@ -168,7 +168,7 @@ class Mark:
     hi: np.ndarray | None = None
     sigma: np.ndarray | None = None
     name: str = ""
-    says: Sequence[str] = ()
+    labels: Sequence[str] = ()
     radius: float = 0.0
     opacity: float = 1.0
     is_measure: bool = True
@@ -210,7 +210,7 @@ class Panel:
         return self.add(style, kind, x, y, **more)
 
     def points(self, x: ArrayLike, y: ArrayLike, kind: str, ring: bool = False, radius: float = 3.2, **more: Any) -> Panel:
-        """Draw points, pale where their sigma is large; says: one text for each, shown when pointed at."""
+        """Draw points, pale where their sigma is large; labels: one text for each, shown when pointed at."""
         return self.add("ring" if ring else "dot", kind, x, y, radius=radius, **more)
 
     def area(self, x: ArrayLike, lo: ArrayLike, hi: ArrayLike, kind: str, style: str = "area", **more: Any) -> Panel:
@@ -230,8 +230,8 @@ class Panel:
         return self.add(style, kind, x, [-np.inf, np.inf], **more)
 
     def words(self, x: float, y: float, words: str, kind: str = "soft", **more: Any) -> Panel:
-        """Write words beside a place; anchor: start, middle or end."""
-        return self.add("word", kind, x, y, says=(words,), **more)
+        """Write words next to a place; anchor: start, middle or end."""
+        return self.add("word", kind, x, y, labels=(words,), **more)
 
     def ends(self) -> list[tuple[float, float]]:
         """Both ends of x and of y."""
@@ -260,13 +260,13 @@ Box = tuple[float, float, float, float]
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """A path of parts (n, 2), or a point of a radius at each row of the first part, or words at its first row; says: of each point, or of
+    """A path of parts (n, 2), or a point of a radius at each row of the first part, or words at its first row; labels: of each point, or of
     the path; opacity (n,) of the points or parts, on top of the style's; clip: where it is cut off."""
 
     style: str
     kind: str
     parts: Sequence[np.ndarray]
-    says: Sequence[str] = ()
+    labels: Sequence[str] = ()
     radius: float = 0.0
     opacity: np.ndarray | None = None
     clip: Box | None = None
@@ -342,8 +342,8 @@ def _draw_head(panel: Panel, head: _Head, left: float, top: float, width: float,
         yield _words("tick", "soft", left, y, panel.y.label)
 
 
-#: share of the width that names of ticks may take beside the frame; longer ones stand inside, above their lines
-MOST_BESIDE = 0.35
+#: share of the width that names of ticks may take next to the frame; longer ones stand inside, above their lines
+WIDEST_NAMES = 0.35
 
 
 def _lay(panel: Panel, left: float, top: float, width: float, head_room: float) -> tuple[list[Shape], float]:
@@ -352,9 +352,9 @@ def _lay(panel: Panel, left: float, top: float, width: float, head_room: float) 
     over = top + head_room
     ends = panel.ends()
     y_marks = panel.y.marks(*ends[1], panel.height * 1.4) if panel.is_framed else []
-    beside = max([_wide(text) for _, text in y_marks], default=0.0) + 10
-    is_inside = panel.y.ticks is not None and beside > MOST_BESIDE * width
-    margin = (14.0 if is_inside else max(beside, 26.0)) if panel.is_framed else 3.0
+    names_px = max([_wide(text) for _, text in y_marks], default=0.0) + 10
+    is_inside = panel.y.ticks is not None and names_px > WIDEST_NAMES * width
+    margin = (14.0 if is_inside else max(names_px, 26.0)) if panel.is_framed else 3.0
     frame = (left + margin, over, left + width - (14 if panel.is_framed else 3), over + panel.height)
     if panel.is_equal:
         ends = _equal(ends, frame)
@@ -435,7 +435,7 @@ class _Place:
         left, top, right, bottom = self.frame
         at = self.at(mark.x, mark.y)
         if mark.style in TEXTS:
-            return [_words(mark.style, mark.kind, float(at[0, 0]), float(at[0, 1]), mark.says[0], mark.anchor)]
+            return [_words(mark.style, mark.kind, float(at[0, 0]), float(at[0, 1]), mark.labels[0], mark.anchor)]
         opacity = np.full(len(at), mark.opacity)
         if mark.radius:
             inside = np.all((at >= [left - 1, top - 1]) & (at <= [right + 1, bottom + 1]), axis=1)
@@ -444,20 +444,20 @@ class _Place:
                 opacity = opacity * np.clip(2 * np.min(mark.sigma) / np.maximum(mark.sigma, 1e-300), 0.2, 1)
                 ends = [self.at(mark.x, mark.y + side * mark.sigma) for side in (-1, 1)]
                 bars = [self._clipped("thin", mark.kind, list(np.stack(ends, axis=1)), opacity)]
-            says = [text for text, keep in zip(mark.says, inside, strict=True) if keep] if len(mark.says) else ()
-            return [*bars, Shape(mark.style, mark.kind, [at[inside]], says, mark.radius, opacity[inside])]
+            labels = [text for text, keep in zip(mark.labels, inside, strict=True) if keep] if len(mark.labels) else ()
+            return [*bars, Shape(mark.style, mark.kind, [at[inside]], labels, mark.radius, opacity[inside])]
         if mark.hi is not None:
             parts = [np.concatenate([at, self.at(mark.x, mark.hi)[::-1]])]
         else:
             x, y = _thinned(mark.x, mark.y, int((right - left) * POINTS_PER_PIXEL))
             parts = _unbroken(self.at(x, y))
-        return [self._clipped(mark.style, mark.kind, parts, np.full(len(parts), mark.opacity), mark.says)] if parts else []
+        return [self._clipped(mark.style, mark.kind, parts, np.full(len(parts), mark.opacity), mark.labels)] if parts else []
 
-    def _clipped(self, style: str, kind: str, parts: list[np.ndarray], opacity: np.ndarray, says: Sequence[str] = ()) -> Shape:
+    def _clipped(self, style: str, kind: str, parts: list[np.ndarray], opacity: np.ndarray, labels: Sequence[str] = ()) -> Shape:
         left, top, right, bottom = self.frame
         ends = np.concatenate(parts)
         spills = np.any(ends < np.array([left, top]) - 0.5) or np.any(ends > np.array([right, bottom]) + 0.5)
-        return Shape(style, kind, parts, says, 0.0, opacity, self.frame if spills else None)
+        return Shape(style, kind, parts, labels, 0.0, opacity, self.frame if spills else None)
 
 
 def _unbroken(points: np.ndarray) -> list[np.ndarray]:
@@ -489,21 +489,21 @@ FILE_WIDTH, MARGIN, ACROSS, DOWN = 1180, 14, 34, 22
 
 @dataclass(eq=False)
 class Picture:
-    """Panels in a grid of so many columns, as far as each is then least px wide; title, says: lines above them.
+    """Panels in a grid of so many columns, as far as each is then least px wide; title, labels: lines above them.
 
     A notebook shows it as SVG.
     """
 
     panels: Sequence[Panel]
     title: str = ""
-    says: Sequence[str] = ()
+    labels: Sequence[str] = ()
     columns: int = 2
     least: float = 330.0
 
     def shapes(self, width: float) -> tuple[list[Shape], float]:
         """All shapes at a width, and the height."""
         shapes, top = [], 4.0
-        for style, text in (("head", self.title), *(("tick", line) for line in self.says)):
+        for style, text in (("head", self.title), *(("tick", line) for line in self.labels)):
             for line in wrap(text, int(width / LETTER / TEXTS[style][0])):
                 top += TEXTS[style][0] + 3
                 shapes.append(_words(style, "ink", 0, top, line))
@@ -578,11 +578,11 @@ def _ended(inside: str, element: str) -> str:
 
 def _svg(shape: Shape) -> str:
     kind = f'class="{shape.style} k-{shape.kind}"'
-    titles = [f"<title>{escape(print_minus(text))}</title>" for text in shape.says]
+    titles = [f"<title>{escape(print_minus(text))}</title>" for text in shape.labels]
     if shape.style in TEXTS:
         ((x, y),) = shape.parts[0]
         anchor = "" if shape.anchor == "start" else f' text-anchor="{shape.anchor}"'
-        return f'<text {kind} x="{_px(x)}" y="{_px(y)}"{anchor}>{escape(print_minus(shape.says[0]))}</text>'
+        return f'<text {kind} x="{_px(x)}" y="{_px(y)}"{anchor}>{escape(print_minus(shape.labels[0]))}</text>'
     opacities = () if shape.opacity is None else shape.opacity
     pale = [f' style="opacity:{STYLES[shape.style][2] * value:.2g}"' if value < 0.995 else "" for value in opacities]
     if shape.radius:
@@ -622,7 +622,7 @@ def _save_png(figure_type: Any, shapes: Sequence[Shape], height: float, path: Pa
             where, weight = {"start": "left", "middle": "center", "end": "right"}[shape.anchor], "bold" if bold else "normal"
             halo = [withStroke(linewidth=2.5, foreground=COLOURS["page"][0])] if shape.style == "word" else []
             how = {"color": colour, "size": size * point, "ha": where, "weight": weight, "path_effects": halo}
-            axes.text(*shape.parts[0][0], shape.says[0], parse_math=False, **how)
+            axes.text(*shape.parts[0][0], shape.labels[0], parse_math=False, **how)
             continue
         width, dash, opacity = STYLES[shape.style]
         opacities = np.ones(len(shape.parts[0])) if shape.opacity is None else shape.opacity

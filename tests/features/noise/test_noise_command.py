@@ -188,7 +188,7 @@ def test_the_picture_has_data_model_terms_and_ratio():
     # white noise of x at the first averaging time, 0.01 s: 2.41 °/√h / sqrt(0.01 s)
     x = next(mark for mark in gyro.marks if mark.name == "x")
     assert x.y[0] == pytest.approx(2.41 * 60 * 10, rel=0.01)
-    assert {mark.says[0] for mark in gyro.marks if mark.style == "word"} == {"N", "B", "K"}
+    assert {mark.labels[0] for mark in gyro.marks if mark.style == "word"} == {"N", "B", "K"}
     assert all(np.abs(np.log(mark.y[:20])).max() < 0.05 for mark in ratio.marks if mark.radius)
 
 

@@ -84,7 +84,7 @@ def _scale(fit: ThermalFit) -> Panel:
         panel.area(at, mid[:, i] - sigma[:, i], mid[:, i] + sigma[:, i], axis).line(at, mid[:, i], axis, name=axis)
         for point in fit.sessions.points:
             value, error = scale_factor_errors(point.values[MATRIX].reshape(3, 3))[i], np.sqrt(point.covariance[4 * i, 4 * i])
-            panel.points(point.temp_c, value * 1e6, axis, sigma=error * 1e6, says=[point.name])
+            panel.points(point.temp_c, value * 1e6, axis, sigma=error * 1e6, labels=[point.name])
     return panel
 
 

@@ -39,12 +39,12 @@ def print_pdf(page: Path, out: Path) -> Path:
         command += ["--no-sandbox"] if getattr(os, "geteuid", lambda: 1)() == 0 else []  # the administrator's Chromium has no sandbox
         command += [f"--user-data-dir={folder}/profile", f"--print-to-pdf={made}", page.resolve().as_uri()]
         try:
-            said = subprocess.run(command, capture_output=True, text=True, errors="replace", timeout=PATIENCE_S, stdin=subprocess.DEVNULL)
+            done = subprocess.run(command, capture_output=True, text=True, errors="replace", timeout=PATIENCE_S, stdin=subprocess.DEVNULL)
         except (OSError, subprocess.TimeoutExpired) as error:
             why = f"no answer in {PATIENCE_S:g} s" if isinstance(error, subprocess.TimeoutExpired) else error.strerror
             raise CalibrationError(f"{out}: {command[0]} did not print it ({why}); print {page} by hand") from None
         if not made.is_file():
-            last = next((line for line in reversed(said.stderr.splitlines()) if line.strip()), f"exit code {said.returncode}")
+            last = next((line for line in reversed(done.stderr.splitlines()) if line.strip()), f"exit code {done.returncode}")
             raise CalibrationError(f"{out}: {command[0]} did not print it ({last.strip()[:120]}); print {page} by hand")
         with open_file(made) as printed:
             shutil.copyfileobj(printed, file)

@@ -87,16 +87,16 @@ def along(e: Explanation, claim: Claim) -> Panel:
 
 def against_explained(e: Explanation, claim: Claim) -> Panel:
     """Draw recorded over predicted rates, which lie on the line if the effect is the only cause."""
-    says, recorded = added_in_stills(e, claim) * 1e3, recorded_in_stills(e, claim) * 1e3
-    return on_slope_one(claim, {axis: (says[:, i], recorded[:, i]) for i, axis in enumerate("xyz")}, "mdps")
+    predicted, recorded = added_in_stills(e, claim) * 1e3, recorded_in_stills(e, claim) * 1e3
+    return on_slope_one(claim, {axis: (predicted[:, i], recorded[:, i]) for i, axis in enumerate("xyz")}, "mdps")
 
 
 def on_slope_one(claim: Claim, series: dict[str, tuple[np.ndarray, np.ndarray]], unit: str) -> Panel:
-    """Draw what was recorded in the stills over what an effect says, by colour, with the line of slope one."""
-    x, y = Axis(f"{claim.effect.id} says ({unit})"), Axis(f"recorded in the still ({unit})")
+    """Draw what was recorded in the stills over what an effect predicts, by colour, with the line of slope one."""
+    x, y = Axis(f"{claim.effect.id} predicts ({unit})"), Axis(f"recorded in the still ({unit})")
     panel = Panel(x, y, "Recorded against explained")
-    for kind, (says, recorded) in series.items():
-        panel.points(says, recorded, kind, name=kind if len(series) > 1 else "")
+    for kind, (predicted, recorded) in series.items():
+        panel.points(predicted, recorded, kind, name=kind if len(series) > 1 else "")
     ends = np.concatenate([np.ravel(pair) for pair in series.values()])
     span = [ends.min(), ends.max()]
     return panel.line(span, span, "floor", "dash", name="slope 1")
@@ -167,8 +167,8 @@ def length_over_conditions(e: Explanation, claim: Claim) -> Panel:
 
 def length_against_explained(e: Explanation, claim: Claim) -> Panel:
     """Draw the recorded over the predicted change of gravity's length in each attitude."""
-    says = _length_explained(e, claim) / MG
-    return on_slope_one(claim, {"after": (says, says + lengths_per_still(e)[1] / MG)}, "mg")
+    predicted = _length_explained(e, claim) / MG
+    return on_slope_one(claim, {"after": (predicted, predicted + lengths_per_still(e)[1] / MG)}, "mg")
 
 
 # Stills with movement: the angle by which the body turns in each, and its rate against the threshold.

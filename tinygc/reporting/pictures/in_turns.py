@@ -39,8 +39,8 @@ def closure_panel(series: Sequence[ClosureSeries], floor_deg: float, title: str 
         panel.across(limit_deg, "limit", name=f"limit, {limit_deg:g}°")
     for name, kind, ring, numbers, angles in series:
         tilt, radius = np.linalg.norm(angles[:, :2], axis=1) / DEG, 3.2 if len(numbers) < MANY else 1.8
-        says = [f"segment {number}, {name}: {significant(each)}°" for number, each in zip(numbers, tilt, strict=True)]
-        panel.points(numbers, tilt, kind, ring, radius, name=f"{name}, {significant(tilt_rms(angles) / DEG)}° rms", says=says)
+        labels = [f"segment {number}, {name}: {significant(each)}°" for number, each in zip(numbers, tilt, strict=True)]
+        panel.points(numbers, tilt, kind, ring, radius, name=f"{name}, {significant(tilt_rms(angles) / DEG)}° rms", labels=labels)
     return panel
 
 
@@ -165,8 +165,8 @@ def over_rate(e: Explanation, claim: Claim) -> Panel:
     line = predicted_deg * (rates / rates[0]) ** exponent
     panel.line(rates, line, "before", name=f"motion between samples: closure ~ rate^{exponent:.1f}")
     panel.points(rates[0], predicted_deg, "before", ring=True, radius=6, name=f"of it at {rates[0]:.4g} Hz: {predicted_deg:.3g}°")
-    says = [f"every {round(rates[0] / rate)}th sample" for rate in rates[1:]]
-    panel.points(rates[1:], closure[1:], "before", radius=4.5, name="closure, samples left out", says=says)
+    labels = [f"every {round(rates[0] / rate)}th sample" for rate in rates[1:]]
+    panel.points(rates[1:], closure[1:], "before", radius=4.5, name="closure, samples left out", labels=labels)
     return panel.points(rates[0], closure[0], "after", radius=4.5, name=f"closure as recorded: {closure[0]:.3g}°")
 
 

@@ -72,7 +72,7 @@ def drawable(e: Explanation) -> list[Claim]:
 
 def picture_of(e: Explanation) -> Picture:
     """Draw the picture."""
-    told, panels = [*e.claimed, *e.findings], list[Panel]()
+    claims, panels = [*e.claimed, *e.findings], list[Panel]()
     shown = drawable(e)[:MOST_ROWS]
     for claim in shown:
         left, right = pair_of(e, claim)
@@ -84,8 +84,8 @@ def picture_of(e: Explanation) -> Picture:
     in_the_stills = [claim for claim in shown if claim.effect.kind in ("rate", "earth") and "still" in claim.effect.observable_in]
     still = e.twin.stills and any(c.effect.pair != effect.TURNS for c in in_the_stills)
     panels += [in_turns.proof_panel(e), in_stills.in_time(e) if still else _channels(e), *(() if e.shown is None else e.shown.panels)]
-    names = ", ".join(claim.effect.id for claim in told)
-    return Picture(panels, f"{e.session.name}: {e.words[0]}", [*filter(None, [names]), *(claim.description for claim in told)])
+    names = ", ".join(claim.effect.id for claim in claims)
+    return Picture(panels, f"{e.session.name}: {e.words[0]}", [*filter(None, [names]), *(claim.description for claim in claims)])
 
 
 def _channels(e: Explanation) -> Panel:

@@ -41,7 +41,7 @@ def entry_name(effect: Effect, entry: int) -> str:
 def _value(claim: Claim, entry: int) -> tuple[float, float]:
     """A parameter and its sigma in the unit of its effect; NaN if the claim states other numbers instead."""
     name = claim.effect.parameter.name
-    values, sigmas = (np.ravel(told.get(name, np.nan)) for told in (claim.parameters, claim.std))
+    values, sigmas = (np.ravel(given.get(name, np.nan)) for given in (claim.parameters, claim.std))
     return (float(values[entry]), float(sigmas[entry])) if entry < len(values) and entry < len(sigmas) else (np.nan, np.nan)
 
 
@@ -217,7 +217,7 @@ def _per_turn(e: Explanation, claim: Claim, carrier: str, axis: int, variable: V
     mean = np.sum(weight * along, axis=1)
     unit = np.einsum("sd,sd->s", share, columns[:, :, axis])
     before, after = (np.einsum("sd,sd->s", share, angles) for angles in (without(e, claim, [axis]), left_by_turn(e)))
-    keep = telling(own_sigma) & np.isfinite(mean)
+    keep = informative(own_sigma) & np.isfinite(mean)
     span = np.array([np.min(along[keep]), np.max(along[keep])]) if keep.any() else np.zeros(2)
     one = np.eye(3)[axis]
 
@@ -271,7 +271,7 @@ def projector(of_samples: np.ndarray, sigma: np.ndarray) -> tuple[np.ndarray, np
     return share, np.einsum("sd,std->st", share, of_samples), own_sigma
 
 
-def telling(sigma: np.ndarray) -> np.ndarray:
+def informative(sigma: np.ndarray) -> np.ndarray:
     """Turns that observe the axis, (S,) bool."""
     return sigma <= FAINT * np.quantile(sigma, 0.1)
 

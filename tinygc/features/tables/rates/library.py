@@ -189,7 +189,7 @@ def _measured(panel: Panel, choice: Choice, values: np.ndarray) -> Panel:
     for n, curve in enumerate(choice.points.curves):
         own = choice.points.curve == n
         panel.points(
-            choice.points.rate_dps[own], values[own], CURVES[n % len(CURVES)], name=curve_words(curve) or "measured", says=titles[own]
+            choice.points.rate_dps[own], values[own], CURVES[n % len(CURVES)], name=curve_words(curve) or "measured", labels=titles[own]
         )
     return panel
 

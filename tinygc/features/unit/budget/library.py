@@ -230,7 +230,7 @@ def bars(budgets: Sequence[Budget], about: str, colours: dict[str, str]) -> Pane
             share = 100 * max(row.variance, 0.0) / positive
             notes = [f"{budget.name}: {row.source} {100 * budget.share(row):.1f} %"]
             kind, name = colours.get(row.source, COLOURS[-1]), row.source if row.source in keyed else ""
-            panel.area([at, at + share], n - 0.36, n + 0.36, kind, "solid", name=name, says=notes)
+            panel.area([at, at + share], n - 0.36, n + 0.36, kind, "solid", name=name, labels=notes)
             at += share
     return panel
 

@@ -258,7 +258,7 @@ def _panel(history: UnitHistory, part: Sequence[NumberHistory], title: str) -> P
             for place, value, sigma in zip(each.sessions, values, sigmas, strict=True)
         ]
         shifted = at + (k - 1) * APART * ((hi - lo) or 1.0)
-        panel.points(shifted, values, axis, sigma=sigmas, name=f"{component} {significant(mean / si, 4)}", says=notes)
+        panel.points(shifted, values, axis, sigma=sigmas, name=f"{component} {significant(mean / si, 4)}", labels=notes)
         for step in history.steps:
             if step.number == each.number:
                 shocks.setdefault(float(history.at[step.interval : step.interval + 2].mean()), []).append(component)

@@ -51,9 +51,9 @@ def _chart(before: np.ndarray | None, earlier: str, after: np.ndarray) -> Panel:
     panel = Panel(Axis("still"), Axis("miss of gravity’s length (mg)", log=True), about=about)
     for name, misses in ((earlier, before), ("calibrated", after)):
         if misses is not None:
-            says = [f"still {n}: {miss / MG:+.3f} mg" for n, miss in enumerate(misses)]
+            labels = [f"still {n}: {miss / MG:+.3f} mg" for n, miss in enumerate(misses)]
             sizes, is_before = np.maximum(np.abs(misses) / MG, LEAST_MG), misses is before
-            panel.points(np.arange(len(misses)), sizes, "before" if is_before else "after", ring=is_before, name=name, says=says)
+            panel.points(np.arange(len(misses)), sizes, "before" if is_before else "after", ring=is_before, name=name, labels=labels)
     return panel
 
 

@@ -64,7 +64,7 @@ def _strip(segments: dict[str, float], run: dict[str, float] | None, limit: floa
     for n, (name, row) in enumerate(rows.items()):
         raw, after, floor = (row[key] / DEG for key in ("raw", "after", "floor"))
         panel.line([raw, after], n, "after", opacity=0.45)
-        panel.points(raw, n, "before", radius=5, name="raw", says=[f"{name}, raw: {degrees(row['raw'])}"])
-        panel.points(after, n, "after", radius=6.5, name="calibrated", says=[f"{name}, calibrated: {degrees(row['after'])}"])
-        panel.line(floor, [n - 0.3, n + 0.3], "floor", name="noise floor", says=[f"{name}, noise alone: {degrees(row['floor'])}"])
+        panel.points(raw, n, "before", radius=5, name="raw", labels=[f"{name}, raw: {degrees(row['raw'])}"])
+        panel.points(after, n, "after", radius=6.5, name="calibrated", labels=[f"{name}, calibrated: {degrees(row['after'])}"])
+        panel.line(floor, [n - 0.3, n + 0.3], "floor", name="noise floor", labels=[f"{name}, noise alone: {degrees(row['floor'])}"])
     return panel

@@ -62,5 +62,5 @@ def _target(evidence: ReportData, sigma: np.ndarray) -> Panel:
     for k, _ in RINGS:
         if k * one < reach:
             panel.line(k * one * np.cos(turn), k * one * np.sin(turn), "floor", "dash", name=f"1σ = {degrees(one * DEG)}, 2σ, 3σ")
-    says = [f"segment {number}: {significant(np.hypot(*each))}°" for number, each in zip(adopted.numbers, tilt, strict=True)]
-    return panel.points(tilt[:, 0], tilt[:, 1], "after", says=says)
+    labels = [f"segment {number}: {significant(np.hypot(*each))}°" for number, each in zip(adopted.numbers, tilt, strict=True)]
+    return panel.points(tilt[:, 0], tilt[:, 1], "after", labels=labels)

@@ -32,6 +32,6 @@ def _matrix(correlation: np.ndarray) -> Panel:
         for j in range(i + 1):
             value, half = float(correlation[i, j]), 0.47
             kind, name = ("quiet", "") if i == j else ("z", "positive") if value > 0 else ("x", "negative")
-            opacity, says = 0.35 if i == j else min(1.0, 0.04 + abs(value)), [f"{ERRORS[j]} and {ERRORS[i]}: {fixed(value, 2)}"]
-            panel.area([j - half, j + half], i - half, i + half, kind, "solid", opacity=opacity, name=name, says=says)
+            opacity, labels = 0.35 if i == j else min(1.0, 0.04 + abs(value)), [f"{ERRORS[j]} and {ERRORS[i]}: {fixed(value, 2)}"]
+            panel.area([j - half, j + half], i - half, i + half, kind, "solid", opacity=opacity, name=name, labels=labels)
     return panel

@@ -21,7 +21,7 @@ AROUND_S = 0.6
 
 
 def section(evidence: ReportData) -> Section | None:
-    """Section on denoising; None if the fit has no denoiser, or no still is long enough to tell its noise."""
+    """Section on denoising; None if the fit has no denoiser, or no still is long enough for its noise."""
     fit = evidence.fit.methods.get(NAME)
     if fit is None:
         return None

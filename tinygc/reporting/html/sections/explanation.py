@@ -24,13 +24,15 @@ def section(evidence: ReportData) -> Section | None:
     if e is None:
         return None
     # The strongest cause whose picture the page can draw; one that draws its own may fail.
-    told = next((claim for claim in drawable(e) if isinstance(claim.effect.pair, str)), None)
-    panels = [*(pair_of(e, told) if told is not None else (in_time(e),) if e.twin.stills else ())]
+    drawn = next((claim for claim in drawable(e) if isinstance(claim.effect.pair, str)), None)
+    panels = [*(pair_of(e, drawn) if drawn is not None else (in_time(e),) if e.twin.stills else ())]
     panels += [*(() if e.shown is None else e.shown.panels), *([proof_panel(e)] if e.proof.changed else [])]
     tried = sorted({effect.id for effect in candidates(e.twin)} - {claim.effect.id for claim in e.claimed})
-    said = f"tried, and not found: {', '.join(tried)}" + ("" if not e.gravity else f"; looked for in the registers as well: {IN_REGISTERS}")
+    words = f"tried, and not found: {', '.join(tried)}" + (
+        "" if not e.gravity else f"; looked for in the registers as well: {IN_REGISTERS}"
+    )
     return Section(
         "explain",
         "Why recording and simulation differ",
-        html([*explanation_facts(e, panels), next_line(e, what_next(e)), Text(said, "dim")]),
+        html([*explanation_facts(e, panels), next_line(e, what_next(e)), Text(words, "dim")]),
     )

@@ -1,4 +1,4 @@
-"""What the first page of paper says besides the answer: when, by whom, in which conditions, and the calibration's numbers."""
+"""What the first page of paper has in addition to the answer: when, by whom, in which conditions, and the calibration's numbers."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def section(evidence: ReportData) -> Section:
 
 
 def recorded(evidence: ReportData) -> tuple[str | None, str]:
-    """Return when the session was recorded, as far as its files tell, and their source (``SOURCES``)."""
+    """Return when the session was recorded, as far as its files state it, and their source (``SOURCES``)."""
     session = evidence.fit.session
     if session.in_memory:  # a folder of that name may be another's
         noted = session.config.notes.get("date")

@@ -37,7 +37,7 @@ def _picture(evidence: ReportData, rows: Sequence[Closed]) -> Panel:
         dots = [("closure run, RMSE", rms_of(error), "physics", False, 3.0) for error in errors]
         dots += [] if fitted is None else [("fitted", tilt_rms(fitted), kind, True, 5.5)]
         for which, size, colour, ring, radius in (*dots, ("held out", tilt_rms(held_out), kind, False, 5.0)):
-            panel.points(size / DEG, n, colour, ring, radius, says=[f"{title}, {which}: {degrees(size)}"])
+            panel.points(size / DEG, n, colour, ring, radius, labels=[f"{title}, {which}: {degrees(size)}"])
     keys = [("held out", "after", False), ("fitted", "after", True)]
     for name, colour, ring in (*keys, *([("closure run, RMSE", "physics", False)] if evidence.fit.runs else [])):
         panel.points([], [], colour, ring, name=name)

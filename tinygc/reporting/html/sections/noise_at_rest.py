@@ -1,4 +1,4 @@
-"""Noise at rest: overlapping Allan deviation of the stills, and their spectrum; and the unit's figures of a rest log beside them."""
+"""Noise at rest: overlapping Allan deviation of the stills, and their spectrum; and the unit's figures of a rest log next to them."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def _at_rest(measured: MeasuredNoise, problem: Problem) -> str:
             for kind, sensor in figures.sensors().items()
             for name, (unit, si) in SHOWN[kind].items()
         ],
-        said=[finding.description for finding in measured.findings(problem.session.name)],
+        lines=[finding.description for finding in measured.findings(problem.session.name)],
         allan=_model(figures, float(problem.began_s[-1])),
     )
 

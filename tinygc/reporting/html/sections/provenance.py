@@ -37,14 +37,14 @@ def section(evidence: ReportData) -> Section:
 def board_text(board: BoardGiven) -> str:
     """Board information that was stored with the recording."""
     if not board.source:
-        return "said nothing of itself"
+        return "not stated"
     if board.source == STANDIN_NAME:
         return f"firmware {board.firmware}; it had no sensor: the samples are made up, or were played to it"
-    said = [f"firmware {board.firmware}"]
+    parts = [f"firmware {board.firmware}"]
     if board.who_am_i is not None:
-        said.append(f"WHO_AM_I 0x{int(board.who_am_i):02X}, which siblings of the sensor share")
+        parts.append(f"WHO_AM_I 0x{int(board.who_am_i):02X}, which siblings of the sensor share")
     if board.freq_fine is not None:
-        said.append(f"INTERNAL_FREQ_FINE {board.freq_fine:g}".replace("-", "−"))
+        parts.append(f"INTERNAL_FREQ_FINE {board.freq_fine:g}".replace("-", "−"))
     if board.registers:
-        said.append(f"CTRL1_XL to CTRL10_C {board.registers}")
-    return "; ".join(said)
+        parts.append(f"CTRL1_XL to CTRL10_C {board.registers}")
+    return "; ".join(parts)

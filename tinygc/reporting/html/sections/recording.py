@@ -42,7 +42,7 @@ def section(evidence: ReportData) -> Section:
 
 
 def _numbers(problem: Problem) -> dict[str, Any]:
-    """What the list of facts has beside the problem: number and median duration of the good stills, s; what it is compared with."""
+    """What the list of facts has in addition to the problem: number and median duration of the good stills, s; what it is compared with."""
     good = [still.duration_s for _, still in problem.references]
     fastest = max(float(np.abs(problem.logs[s.log].samples.gyro[_turning(s)]).max()) for s in problem.used)
     return {
@@ -85,24 +85,24 @@ def _over_time(problem: Problem) -> Panel:
         panel.area(middle, lo, hi, "quiet").line(middle, hi, "quiet", "thin")
         for i, still in enumerate(log.stills):
             start = (began[number] + still.start_s) / unit
-            says = f"still {i}, {still.duration_s:.1f} s" + (f": {still.problem}" if still.problem else "")
+            label = f"still {i}, {still.duration_s:.1f} s" + (f": {still.problem}" if still.problem else "")
             look = ("bad", "left out") if still.problem else ("still", "still")
-            _block(panel, start, still.duration_s / unit, -0.21 * top, *look, says)
+            _block(panel, start, still.duration_s / unit, -0.21 * top, *look, label)
         if number:
             panel.upright(began[number] / unit, "quiet")
     for segment in problem.segments:
         first = segment.first
         start = began[segment.log] + (segment.start_s if first is None else first.start_s + first.duration_s)
-        says = f"segment {segment.number}: {segment.turn_deg:.0f}° in {segment.turn_s:.1f} s"
-        says += f", left out: {segment.problem}" if segment.problem else f", {segment.note}" if segment.note else ""
+        label = f"segment {segment.number}: {segment.turn_deg:.0f}° in {segment.turn_s:.1f} s"
+        label += f", left out: {segment.problem}" if segment.problem else f", {segment.note}" if segment.note else ""
         look = ("bad", "left out") if segment.problem else ("turn", "turn")
-        _block(panel, start / unit, segment.turn_s / unit, -0.11 * top, *look, says)
+        _block(panel, start / unit, segment.turn_s / unit, -0.11 * top, *look, label)
     return panel
 
 
-def _block(panel: Panel, start: float, length: float, below: float, kind: str, name: str, says: str) -> None:
+def _block(panel: Panel, start: float, length: float, below: float, kind: str, name: str, label: str) -> None:
     height = 0.07 * (panel.y.hi or 1.0)
-    panel.area([start, start + length], below, below + height, kind, "block", name=name, says=[says])
+    panel.area([start, start + length], below, below + height, kind, "block", name=name, labels=[label])
 
 
 def _time_unit(problem: Problem) -> tuple[float, str]:
@@ -156,7 +156,7 @@ def _covered(directions: np.ndarray) -> float:
     return float(np.mean((even @ unit.T).max(axis=1) >= np.cos(REACH_RAD)))
 
 
-def _disc(sign: int, directions: np.ndarray, kind: str, says: list[str], name: str, faint: np.ndarray | None = None) -> Panel:
+def _disc(sign: int, directions: np.ndarray, kind: str, labels: list[str], name: str, faint: np.ndarray | None = None) -> Panel:
     """One half of the sphere, with rings at 30 and 60 degrees; faint (M, 3): smaller points behind."""
     about = "Directions of gravity in the stills, and axes of the turns, in the sensor's own frame"
     panel = Panel(Axis(name), about=about, height=180, is_equal=True, is_framed=False)
@@ -172,9 +172,8 @@ def _disc(sign: int, directions: np.ndarray, kind: str, says: list[str], name: s
         unit = unit_vectors(points)
         here = sign * unit[:, 2] >= 0
         x, y = (unit[here, :2] / np.sqrt(1 + np.abs(unit[here, 2:]))).T
-        panel.add(
-            style, kind, x, y, radius=radius, says=[text for text, seen in zip(says, here, strict=True) if seen] if style == "dot" else ()
-        )
+        near = [text for text, seen in zip(labels, here, strict=True) if seen] if style == "dot" else ()
+        panel.add(style, kind, x, y, radius=radius, labels=near)
     return panel
 
 

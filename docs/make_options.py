@@ -115,8 +115,8 @@ def commands_text() -> str:
 def library_text() -> str:
     """The function of each command, the other functions, and the keywords that are no option."""
     functions = {name: FUNCTIONS.get(name, f"tinygc.{name}") for name in commands()}
-    lines = ["### Functions", "", "| command | function | what it does |", "|---|---|---|"]
-    lines += [_row(f"`{name}`", f"`{dotted}`", first_sentence(there(dotted))) for name, dotted in functions.items()]
+    lines = ["### Functions", "", "| command | function | returns |", "|---|---|---|"]
+    lines += [_row(f"`{name}`", f"`{dotted}`", returned(there(dotted))) for name, dotted in functions.items()]
     others = [name for name in dir(tinygc) if inspect.isfunction(getattr(tinygc, name)) and f"tinygc.{name}" not in functions.values()]
     lines += ["", "| other function | what it does |", "|---|---|"]
     lines += [_row(f"`tinygc.{name}`", first_sentence(getattr(tinygc, name))) for name in others]
@@ -137,6 +137,12 @@ def there(dotted: str) -> Any:
     if len(parts) == 2:
         return getattr(tinygc, parts[1])
     return getattr(importlib.import_module(".".join(parts[:-1])), parts[-1])
+
+
+def returned(thing: Any) -> str:
+    """The name of what a function returns, where it is declared."""
+    name = str(getattr(thing, "__annotations__", {}).get("return", "")).rpartition(".")[2]
+    return f"`{name}`" if name not in ("", "Any", "None") else "an instance" if inspect.isclass(thing) else "a result"
 
 
 def first_sentence(thing: Any) -> str:

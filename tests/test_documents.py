@@ -4,6 +4,7 @@ import argparse
 import ctypes
 import json
 import re
+import shlex
 import shutil
 from pathlib import Path
 
@@ -12,7 +13,8 @@ import processes
 import pytest
 
 import tinygc
-from tinygc.cli.arguments import parser
+from session.base.errors import CalibrationError
+from tinygc.cli.arguments import joined, parser
 from tinygc.cli.commands import commands as all_commands
 from tinygc.deploy import FORMATS
 from tinygc.effects import catalogue
@@ -168,3 +170,23 @@ def test_the_python_and_the_c_that_apply_a_model_agree(tmp_path, monkeypatch):
         answered = np.zeros((200, 3))
         ctypes.CDLL(str(tmp_path / f"{path.stem}.so")).apply(ctypes.c_void_p(answered.ctypes.data))
         np.testing.assert_allclose(answered, expected, rtol=0, atol=2e-6)
+
+
+def test_commands_that_a_page_shows_are_understood():
+    """Each line of a block that runs the tool, with its arguments; docs/make_outputs.py runs those that need no hardware."""
+    wrong, count = [], 0
+    for page in PAGES:
+        fences = re.findall(r"^ *```(\w*)\n(.*?)^ *```$", page.read_text(encoding="utf-8"), re.S | re.M)
+        lines = [line for language, body in fences if not language for line in body.splitlines()]
+        for part in (part for line in lines for part in re.split(r" && |; | \| ", line) if "…" not in part):
+            (*_, words) = part.partition("python calibrate.py ")
+            words = shlex.split(words, comments=True)
+            words = joined(words[: words.index(">")] if ">" in words else words)
+            try:
+                if words:
+                    parser(words).parse_args(words)
+            except (SystemExit, CalibrationError) as error:
+                wrong.append(f"{page.relative_to(ROOT)}: {part}: {error}")
+            count += bool(words)
+    assert count > 50
+    assert not wrong, "\n".join(wrong)

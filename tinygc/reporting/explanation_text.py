@@ -54,7 +54,7 @@ SMALLER |= {"fraction of full scale": ("% of full scale", 1e2)}
 
 def explanation_screen(e: Explanation) -> list[Part]:
     """Facts of an explanation for its first screen, without what to do next."""
-    parts: list[Part] = [*_answer(e), ""]
+    parts = list[Part]()
     if len(named := [*e.claimed, *e.findings]) > 1:
         parts += [one_line(f"{number}. {_statement(claim)}.") for number, claim in enumerate(named, 1)]
     rows = [row for claim in e.claimed for row in _rows(claim)]
@@ -62,7 +62,8 @@ def explanation_screen(e: Explanation) -> list[Part]:
     of_axes = [(f"{label}, {unit}", *values) for label, unit, *values in rows if len(values) > 1]
     parts += [Table("", ("", "x", "y", "z"), of_axes)] if of_axes else []
     parts += limits(e) if e.verdict == "no_mismatch" else []
-    return parts + ([] if e.shown is None else e.shown.brief)
+    parts += [] if e.shown is None else e.shown.brief
+    return [*_answer(e), *([""] if parts else []), *parts]
 
 
 def _answer(e: Explanation) -> list[Part]:
@@ -212,7 +213,8 @@ def explanation_facts(e: Explanation, panels: Sequence[Part] = ()) -> list[Part]
     among = " among the catalogue's effects" if e.verdict in LEFT else ""
     for claim, style in (*((claim, "bold cyan") for claim in e.claimed), *((claim, "bold magenta") for claim in e.findings)):
         named = style == "bold cyan"
-        chance = f"   probability {chance_words(claim.probability)}{among * named}, {probability(claim.p_value, claim.p_is_bound)}"
+        of = " of it, or of what fits as well," if claim.equivalent else ""
+        chance = f"   probability{of} {chance_words(claim.probability)}{among * named}, {probability(claim.p_value, claim.p_is_bound)}"
         share = "" if named else f"; it carries {100 * (claim.share or 0):.0f} % of the misfit"
         parts += [Text.assemble((f"{claim.effect.id}  ", style), claim.effect.equation, chance), f"  {claim.description}{share}"]
         parts += [f"  {line}" for line in parameter_lines(claim.parameters, claim.std) if named]

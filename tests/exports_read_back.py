@@ -53,7 +53,7 @@ def context(said=None, accelerometer: Accelerometer | None = None, **changes):
     made = Context("s", "m", config(), {"covariance": np.eye(12).tolist()}, {"noise": noise}, {})
     if accelerometer is not None:
         made.table["accelerometer"] = accelerometer_table(accelerometer)
-    return replace(made, say=(said if said is not None else []).append, **changes)
+    return replace(made, remark=(said if said is not None else []).append, **changes)
 
 
 def rates(model):

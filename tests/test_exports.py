@@ -214,7 +214,7 @@ def test_autopilots_take_offset_and_scale_of_an_accelerometer_and_say_what_they_
         assert 0.5 * lost < left <= 1.05 * lost
     for bad, why in (
         (Accelerometer(np.array([[0, 1.0, 0], [-1, 0, 0], [0, 0, 1]]), BIAS), "turns its axes"),
-        (Accelerometer(source="none"), "nobody has calibrated"),
+        (Accelerometer(source="none"), "is not calibrated"),
     ):
         _, said, there = told(bad, config=replace(config(), accelerometer=bad))
         assert np.isnan(there).all()

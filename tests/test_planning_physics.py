@@ -105,11 +105,11 @@ def test_what_explain_asked_for_comes_first_in_plan_and_in_a_recording_like_it(s
     asked = shutil.copytree(short, tmp_path / "asked")
     explained(asked, asking(next=WORDS))
     assert calibrate.main(["check", str(asked), "--plan", "--json", str(tmp_path / "plan.json")]) == 0
-    assert capsys.readouterr().out.splitlines()[0] == f"explain asks: {WORDS}"
+    assert capsys.readouterr().out.splitlines()[0] == f"explain requests: {WORDS}"
     assert json.loads((tmp_path / "plan.json").read_text())["requested"] == WORDS
     words = ["record", "--port", str(tmp_path / "no-port"), "--out", str(tmp_path / "new"), "--like", str(asked / "session.toml")]
     assert calibrate.main(words) == 3
-    assert f"explain asks ({asked}): {WORDS}" in capsys.readouterr().err
+    assert f"explain requests ({asked}): {WORDS}" in capsys.readouterr().err
 
 
 def test_an_explanation_of_other_logs_asks_for_nothing(tmp_path):

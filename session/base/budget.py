@@ -1,6 +1,6 @@
 """One budget of memory for what is read of logs, kept before anything is allocated.
 
-A file of some kB may state numbers that were never stored, or unpack to a thousand times its length.  Who reads a format says here what it
+A file of some kB may state numbers that were never stored, or unpack to a thousand times its length.  A reader states here what it
 is about to hold or to unpack, and is stopped where that is more than the budget: 1 GB, or more for files that take as much on the disk.
 """
 
@@ -26,7 +26,7 @@ RECORD = 256
 
 
 class Budget:
-    """Bytes that reading some files may take.  most: ``LEAST``, or ``PACKED`` times what they take on the disk; or as a person has said.
+    """Bytes that reading some files may take.  most: ``LEAST``, or ``PACKED`` times what they take on the disk; or as the user has set it.
 
     held: what is taken.  All methods raise FormatError beyond the budget, with the option that raises it.
     """
@@ -40,11 +40,11 @@ class Budget:
 
     @property
     def piece(self) -> int:
-        """The most that one chunk may unpack to: beside it are its packed bytes, and a copy."""
+        """The most that one chunk may unpack to: next to it are its packed bytes, and a copy."""
         return (self.most - self.held) // 3
 
     def need(self, path: Path, size: int) -> None:
-        """Say that so many bytes will be held for a moment."""
+        """State that so many bytes will be held for a moment."""
         if self.held + size > self.most:
             raise FormatError(
                 f"{path}: reading it takes more than {amount(self.held + size)} of memory, and {amount(self.most)} may be taken; "
@@ -52,16 +52,16 @@ class Budget:
             )
 
     def take(self, path: Path, size: int) -> None:
-        """Say that so many bytes will be held until the end."""
+        """State that so many bytes will be held until the end."""
         self.need(path, size)
         self.held += size
 
     def numbers(self, path: Path, count: int) -> None:
-        """Say that so many numbers will be read and converted."""
+        """State that so many numbers will be read and converted."""
         self.take(path, int(count * 8 * TIMES))
 
     def unpack(self, path: Path, size: int) -> None:
-        """Say that so many bytes will be read or unpacked, and given up again: it is their time that is bounded."""
+        """State that so many bytes will be read or unpacked, and given up again: it is their time that is bounded."""
         if self.spends(size):
             raise FormatError(
                 f"{path}: unpacks to more than {amount(self.unpackable)}; is it the right file? if it is: "

@@ -4,7 +4,7 @@ A feature is a folder with a ``feature.py``, which declares one ``FEATURE``.  Th
 other people by the entry points of the group ``tinygc.features`` (``mine = "my_package.feature:FEATURE"``).  Remove a folder, and nothing
 in the core has to change: what it served is unknown then, as any command, option or kind of model that never was.
 
-The core asks at a *point*, whose name says what the core needs there; ``POINTS`` lists them.
+The core asks at a *point*, whose name is what the core needs there; ``POINTS`` lists them.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ POINTS = {
     "options of COMMAND": "record of options: further ones of a command of the core",
     "kind of folder": "function(folder) -> what it is and what takes it, one sentence; None of a session, and of what cannot be read",
     "line of a list": "function(folder) -> fields of ListedSession (tinygc/fitting/listing.py) of such a folder, or None",
-    "reference": "class: what a session is compared with besides gravity and dials; ``REFERENCE`` says what it has",
+    "reference": "class: what a session is compared with, other than gravity and dials; ``REFERENCE`` states what it has",
     "section of session.toml": "frozen dataclass of records.py: what a section holds, whose name is its class variable section",
     "fit of a folder": "function(args) -> Done | None: fits a folder that is no session of one sensor",
     "explanation of a folder": "function(args) -> exit code | None: explains such a folder",
@@ -48,7 +48,7 @@ POINTS = {
     "earlier results of a report": "function(folder, logs) -> what an earlier command left in the folder for the report, or None",
     "report section": "module: section(evidence) -> Section | None, as in tinygc/reporting/html/sections; BEHIND, the section before it",
 }
-#: what a further reference has -> what that is.  The session holds what it read beside the logs as ``Session.reference``, and asks it
+#: what a further reference has -> what that is.  The session holds what it read next to the logs as ``Session.reference``, and calls it
 REFERENCE = {
     "word": "of protocol.reference in session.toml; the argument of its arrays",
     "accelerometer": "whether its logs have specific force; without, it has a folder of another kind, and nothing that follows",
@@ -114,12 +114,12 @@ def known() -> dict[str, Feature]:
             package, _, module = entry.module.rpartition(".")
             found[package] = _load(package, f"{module}:{entry.attr}")
             if not isinstance(found[package], Feature):
-                raise CalibrationError(f"installed feature {entry.value}: is no Feature; mend or uninstall its package")
+                raise CalibrationError(f"installed feature {entry.value}: is no Feature; correct or uninstall its package")
     return found
 
 
 def _has_features(folder: str) -> bool:
-    """Whether a package that is installed in a folder names the group: ``importlib.metadata`` loads 30 modules to say that none does."""
+    """Whether a package that is installed in a folder names the group: ``importlib.metadata`` loads 30 modules to find none."""
     return any(GROUP.encode() in path.read_bytes() for path in Path(folder).glob("*-info/entry_points.txt"))
 
 
@@ -133,7 +133,7 @@ def _load(package: str, value: str) -> Any:
         if package.rpartition(".")[0] in _PLACES.values():
             raise
         what = f"installed feature {package}.{value}: cannot be loaded: {type(error).__name__}: {error}"
-        raise CalibrationError(f"{what}; mend or uninstall its package") from None
+        raise CalibrationError(f"{what}; correct or uninstall its package") from None
 
 
 def named(table: str, name: str) -> Any:

@@ -51,7 +51,7 @@ KINDS = {
 
 
 def open_file(path: Path) -> BufferedReader:
-    """A regular file, opened for its bytes, at once.  FormatError says what it is instead, or why it cannot be read."""
+    """A regular file, opened for its bytes, at once.  FormatError states what it is instead, or why it cannot be read."""
     try:
         _require_file(path, os.stat(path))
         number = os.open(path, os.O_RDONLY | NO_WAIT)
@@ -128,7 +128,7 @@ def _require_file(path: Path, status: os.stat_result) -> None:
         raise FormatError(f"{path}: cannot be read (it is {KINDS.get(stat.S_IFMT(status.st_mode), 'no file')}, expected a file)")
 
 
-# NumPy's archives of arrays (``.npz``), of the size that they say and no larger.
+# NumPy's archives of arrays (``.npz``), of the size that they state and no larger.
 
 #: what NumPy and zipfile raise where an archive's bytes are damaged, whatever they meet first
 FAULTS = (
@@ -138,7 +138,7 @@ FAULTS = (
 
 
 def read_npz(path: Path, names: tuple[str, ...]) -> dict[str, np.ndarray]:
-    """Arrays of an archive by name.  FormatError where it is none, lacks one of them, or unpacks to more than the budget."""
+    """Arrays of an archive by name.  FormatError where it is none, has not all of them, or unpacks to more than the budget."""
     with open_file(path) as file:
         try:
             with zipfile.ZipFile(file) as archive:
@@ -167,8 +167,8 @@ def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> np.ndarray:
 
 # Writing: the one place where files are made.  No name leads a result elsewhere, and none is half there.
 #
-# A file is made under a random name beside its own, which it takes once it is on the disk.  So two runs at once do not meet, and what stood
-# there before is whole until the new is.  A link is not written through: what it leads to is somebody's, and no name of ours.
+# A file is made under a random name next to its own, which it takes once it is on the disk.  So two runs at once do not meet, and an
+# earlier one is whole until the new is.  A link is not written through: what it leads to is somebody's, and no name of ours.
 
 FULL = (errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC))
 #: what a device, or a file system that cannot do it, answers to fsync
@@ -178,7 +178,7 @@ OWN = getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
 UNFINISHED = ".unfinished"
 #: in that one, while its files take their places: what stood there before
 OLD = ".old"
-#: the system's names for what is open; reading them begins nothing anew
+#: the system's names for what is open; reading them begins nothing new
 STREAM = re.compile(r"/dev/(fd/\d+|stdout|stderr)|/proc/(self|thread-self|\d+)/fd/\d+")
 
 
@@ -270,7 +270,7 @@ def _force_path(path: Path, flags: int) -> None:
 
 @contextlib.contextmanager
 def naming(path: Path, *aliases: Path) -> Iterator[None]:
-    """Give a failure to write the name of the result, which it lacks, or which it says by an alias or by that of a file it copies.
+    """Give a failure to write the name of the result, which it has not, or which it gives by an alias or by that of a file it copies.
 
     Raises StorageError for a full disk, else the OSError with that name.
     """
@@ -312,7 +312,7 @@ def refuse_unfinished(folder: Path) -> None:
 
 
 def require_empty(folder: Path, do: str) -> None:
-    """FormatError, which says what to do, where a folder that is to be made holds something already."""
+    """FormatError, which states what to do, where a folder that is to be made holds something already."""
     refuse_unfinished(folder)
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise FormatError(f"{folder}: {do}")
@@ -322,7 +322,7 @@ def require_empty(folder: Path, do: str) -> None:
 def folder_whole(out: Path, stale: Iterable[str] = ()) -> Iterator[Path]:
     """A folder to write into, within ``out``; its files become ``out``'s once the block ends well, session.toml last.
 
-    A process that is killed leaves nothing beside ``out``, and either no session in it or the whole.  stale: what goes then; until all
+    A process that is killed leaves nothing next to ``out``, and either no session in it or the whole.  stale: what goes then; until all
     is in its place, it and what is written over are kept in a folder of the unfinished one.  Errors name ``out``.
     """
     work, new = out / UNFINISHED, list[Path]()

@@ -10,7 +10,7 @@ Read from the fields are the command line (``add_arguments``, ``from_arguments``
 (docs/make_options.py).  Imports nothing heavy.
 
 A field's type decides how its text is read: ``bool`` is a flag, and with True as its default ``--no-…``; ``tuple[int, ...]`` and
-``tuple[str, ...]`` are lists with commas; ``tuple[float, float, float]`` are three words; None is allowed where the type says so.
+``tuple[str, ...]`` are lists with commas; ``tuple[float, float, float]`` are three words; None is allowed where the type has it.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ R = TypeVar("R")
 
 @dataclass(frozen=True)
 class Rule:
-    """What a field states beside its name, type and default.
+    """What a field states in addition to its name, type and default.
 
-    help: its meaning, as ``--help`` and the pages say it; off: that of ``--no-…``, of a field that is True by default; unit;
+    help: its meaning, as ``--help`` and the pages have it; off: that of ``--no-…``, of a field that is True by default; unit;
     choices: the values there are; some: the words of a list; least, most, above: bounds of each number; metavar: its value in
     ``--help``; group: heading in ``--help``; flags: in place of the field's name; positional; repeated: given once for each value;
     several: one flag, and all words behind it; example: of a text; alone: value of a flag without one; read: parser of its text; cli:
@@ -179,7 +179,7 @@ def _one(kind: str, value: Any) -> Any:
     """The value as one of a kind; ValueError for another."""
     if kind == "Path":
         if isinstance(value, PathLike) or (isinstance(value, str) and value.strip() and "\0" not in value):
-            return value if isinstance(value, Path) else Path(value)  # OWN_PLACE is told by its identity
+            return value if isinstance(value, Path) else Path(value)  # OWN_PLACE is known by its identity
     elif kind == "bool":
         if isinstance(value, bool):
             return value
@@ -314,7 +314,7 @@ def record_in(records: Sequence[Any], kind: type[R]) -> R:
 
 
 def refuse_with(what: str, others: Mapping[str, object], records: Sequence[Any], otherwise: str = "") -> None:
-    """Raise CalibrationError for options that do nothing beside ``what``: flag -> whether it is given, and all that records have;
+    """Raise CalibrationError for options that do nothing with ``what``: flag -> whether it is given, and all that records have;
     otherwise: what to do instead of leaving them out."""
     idle = [name for name, is_given in others.items() if is_given] + [name for each in records for name in given(each)]
     if idle:
@@ -447,7 +447,7 @@ def dest(kind: Any, name: str) -> str:
     return kind.PREFIX.replace("-", "_") + name
 
 
-#: type of a field -> how its value is called where nothing says it
+#: type of a field -> how its value is called where none is declared
 METAVARS = {"int": "N", "str": "NAME", "Path": "FILE", "tuple[Path, ...]": "DIR", "tuple[int, ...]": "N,N", "tuple[str, ...]": "A,B"}
 
 

@@ -1,4 +1,4 @@
-"""What a log does not say: all of it asked at once, each with the option that answers it."""
+"""What a log does not state: all of it requested at once, each with the option that answers it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Files of ours, each declared once: a frozen record whose annotated fields say what its file holds.
+"""Files of ours, each declared once: a frozen record whose annotated fields declare what its file holds.
 
 A field's annotation gives its shape: a type alone (``float``, ``str``, ``tuple[Row, ...]``), or ``Annotated`` with bounds, choices, the
 shape of an array, its key and its unit in the file.  From it follow the check with its complaint (``read_record``), the record itself, what
@@ -105,7 +105,7 @@ class Entry:
 
 @dataclass(frozen=True)
 class Record(Keys):
-    """The shape of a record's table.  A class may say with ``fault(table)`` what is wrong with a table of sound keys."""
+    """The shape of a record's table.  A class may state with ``fault(table)`` what is wrong with a table of sound keys."""
 
     kind: type = object
     entries: tuple[Entry, ...] = ()
@@ -181,7 +181,7 @@ def shape_of(hint: Any, null: bool = True) -> Shape:
 
 
 def read_record(kind: type[T], path: Path, do: str = "fit again, or correct the file") -> T:
-    """The record that a JSON file holds.  FormatError says, in one line, which key of which file is wrong, and what to do."""
+    """The record that a JSON file holds.  FormatError states, in one line, which key of which file is wrong, and what to do."""
     shape = record_of(kind)
     return shape.made(read_required(path, shape, do))
 
@@ -204,13 +204,13 @@ def table_of(record: Any) -> dict[str, Any]:
         if value is not None and entry.key.si != 1:
             value = value / entry.key.si
         shape = entry.shape.entry if isinstance(entry.shape, Maybe) else entry.shape
-        # A shape of a structure of its own says how it is written.
+        # A shape of a structure of its own has how it is written.
         table[entry.name] = plain(value) if value is None else getattr(shape, "written", plain)(value)
     return table
 
 
 def stated(record: Any, always: tuple[str, ...] = (), but: tuple[str, ...] = ()) -> dict[str, Any]:
-    """What TOML is told of a record: the keys that are not as without them, and those that are always there; never what is not known."""
+    """What TOML holds of a record: the keys that are not as without them, and those that are always there; never what is not known."""
     table = {}
     for entry in record_of(type(record), null=False).entries:
         value = getattr(record, entry.attribute)

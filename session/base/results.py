@@ -27,7 +27,7 @@ LONGEST_INTEGER = 18
 
 
 def read_json(path: Path) -> Any:
-    """What a JSON file holds.  FormatError says what is wrong with the file."""
+    """What a JSON file holds.  FormatError states what is wrong with the file."""
     try:
         return read_json_text(read_bytes(path, MOST_JSON).decode(), str(path))
     except UnicodeDecodeError as error:
@@ -35,7 +35,7 @@ def read_json(path: Path) -> Any:
 
 
 def read_json_text(text: str, where: str) -> Any:
-    """What a text of JSON holds.  FormatError, which begins with ``where``, says what is wrong with it."""
+    """What a text of JSON holds.  FormatError, which begins with ``where``, states what is wrong with it."""
     try:
         return json.loads(text, parse_int=_integer, object_pairs_hook=_table)
     except ValueError as error:
@@ -90,7 +90,7 @@ class Mismatch(Exception):
 
 
 class Shape:
-    """What a value must be; ``expected`` says it in words."""
+    """What a value must be; ``expected`` is it in words."""
 
     expected = "a table"
 

@@ -13,7 +13,7 @@ from os import fspath
 
 from session.base.units import DEG
 
-# Texts that leave the tool.  Names of files, serial numbers, notes and what a board says are another's words: wherever they are put they
+# Texts that leave the tool.  Names of files, serial numbers, notes and what a board sends are another's words: wherever they are put they
 # stay text, and on one line.  One function for each place: a terminal or a message, a comment in code, a file in UTF-8, a command to copy.
 #
 # Values go through the format's own writer: ``session.base.records.json_text``, ``session.base.toml``, and PyYAML in the exports.

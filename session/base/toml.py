@@ -29,7 +29,7 @@ _TOKEN = re.compile(
 
 
 def read_toml(path: Path) -> dict:
-    """What a TOML file holds.  FormatError says what is wrong with it."""
+    """What a TOML file holds.  FormatError states what is wrong with it."""
     return toml_of(read_bytes(path, MOST_TOML), path)
 
 
@@ -43,7 +43,7 @@ def toml_of(data: bytes, path: Path) -> dict:
 
 
 def parse_toml(text: str, where: str) -> dict:
-    """What a text holds, whose lines end with a line feed.  FormatError, with ``where``, says what is wrong with it."""
+    """What a text holds, whose lines end with a line feed.  FormatError, with ``where``, states what is wrong with it."""
     if (deep := _too_deep(text)) is not None:
         raise FormatError(f"{where}: broken TOML: a key of more than {DEEPEST} parts in line {deep}; correct that line")
     try:
@@ -68,7 +68,7 @@ def _too_deep(text: str) -> int | None:
 
 # Values and keys as TOML, by a writer of TOML (tomlkit), so that no text can become anything but the value that it is.
 #
-# What is not printable is escaped besides, which reads back the same: a terminal or an editor shows the file as its parser reads it.  Of
+# What is not printable is escaped as well, which reads back the same: a terminal or an editor shows the file as its parser reads it.  Of
 # bytes that were no UTF-8 their escapes remain, for no TOML can hold them (``session.base.texts.unicode_text``).
 
 LONG = 1e6  #: beyond it digits are no help to anybody

@@ -34,7 +34,7 @@ NS_PER_S = 10**9  #: exact, unlike 1 / NS
 BEYOND = {"gyro": 1e5 * DEG, "accel": 1e4 * G, "temp": 1e4}
 #: units of the same in memory
 SI = {"gyro": "rad/s", "accel": "m/s^2", "temp": "degC"}
-SAID = {"gyro": "100000 dps", "accel": "10000 g", "temp": "10000 degC"}
+LIMITS = {"gyro": "100000 dps", "accel": "10000 g", "temp": "10000 degC"}
 
 
 def beyond_any_sensor(values: np.ndarray, si: float, kind: str) -> np.ndarray:
@@ -44,7 +44,7 @@ def beyond_any_sensor(values: np.ndarray, si: float, kind: str) -> np.ndarray:
 
 def complaint(name: str, value: float, kind: str) -> str:
     """The complaint about such a value in a column."""
-    return f"{name} is {value:g}, beyond any sensor ({SAID[kind]}); is its unit right? correct or remove that line"
+    return f"{name} is {value:g}, beyond any sensor ({LIMITS[kind]}); is its unit right? correct or remove that line"
 
 
 #: of its full scale, what no gyroscope reads: beyond it the unit is another, most often degrees; and the largest usual full scale, dps

@@ -186,7 +186,7 @@ def test_an_installed_feature_adds_its_options_to_the_command_and_to_python(tmp_
         done = processes.run(words, cwd=tmp_path, env=environment, capture_output=True, text=True)
         (line,) = done.stderr.splitlines()
         assert (done.returncode, f"calibrate: installed feature {says}" in line) == (2, True), done.stderr
-        assert line.endswith("; mend or uninstall its package")
+        assert line.endswith("; correct or uninstall its package")
 
 
 def test_what_a_feature_records_is_refused_without_it(tmp_path, monkeypatch):

@@ -123,8 +123,8 @@ def refuse_overwriting(options: Any, command: str) -> None:
             if not force:
                 instead = "" if force is None else ", or --force"
                 raise CalibrationError(f"{option} {path}: is there, and is no result of this tool; give {option} another path{instead}")
-    for stream, said in ((1, "standard output"), (2, "standard error")):
-        _refuse_known(said, _status(stream), known)
+    for stream, label in ((1, "standard output"), (2, "standard error")):
+        _refuse_known(label, _status(stream), known)
     for (one, first), (other, second) in itertools.combinations(written, 2):
         if os.path.realpath(first) == os.path.realpath(second) or _identity(_status(first)) == (_identity(_status(second)) or 0):
             raise CalibrationError(f"{one} and {other} are both {second}; give one of them another path")
@@ -154,11 +154,11 @@ def _read(options: Any) -> Iterator[Path]:
                 yield Path(one)
 
 
-def _refuse_known(said: str, status: os.stat_result | None, known: dict[tuple[int, int], Path]) -> None:
+def _refuse_known(label: str, status: os.stat_result | None, known: dict[tuple[int, int], Path]) -> None:
     if (source := known.get(_identity(status) or (0, 0))) is not None:
-        also = "" if said.endswith(f" {source}") else f" {source}"
+        also = "" if label.endswith(f" {source}") else f" {source}"
         what = f"is{also or ' a file'} that this command reads, or that was recorded"
-        raise CalibrationError(f"{said}: {what}; give another path")
+        raise CalibrationError(f"{label}: {what}; give another path")
 
 
 def _status(path: Path | int) -> os.stat_result | None:
@@ -228,12 +228,12 @@ class _Parser(argparse.ArgumentParser):
             known = list(map(str, action.choices))
             near = meant(str(value), known)
             listed = "" if near and command else f", expected {', '.join(known)}"  # the commands would fill three lines
-            said = f"{str(value)[:80]!r} is no {'command' if command else 'choice'}{listed}{near}"
-            raise argparse.ArgumentError(None if command else action, said)
+            label = f"{str(value)[:80]!r} is no {'command' if command else 'choice'}{listed}{near}"
+            raise argparse.ArgumentError(None if command else action, label)
 
 
 class _Formatter(argparse.HelpFormatter):
-    """Help of an option beside it."""
+    """Help of an option next to it."""
 
     def __init__(self, prog: str) -> None:
         super().__init__(prog, max_help_position=21, width=COLUMNS)

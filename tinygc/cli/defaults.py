@@ -39,14 +39,14 @@ def place() -> Path | None:
 def take_defaults(options: Any) -> Any:
     """Return a command's options with those that the command line does not have from the file, and report these.
 
-    A record may say by ``takes(known)`` which of its fields do, of the keys of the file.  Raises FormatError, with file and key, for an
+    A record may name by ``takes(known)`` which of its fields do, of the keys of the file.  Raises FormatError, with file and key, for an
     invalid file.
     """
     keys = {each.name: rule.default_key for each, rule in declared(options) if rule.default_key}
     path = place() if keys else None
     if path is None or not os.path.lexists(path):
         if path is not None and os.environ.get(ENVIRONMENT):
-            raise FormatError(f"{path}: not found; {ENVIRONMENT} names it. Mend that, or leave it empty")
+            raise FormatError(f"{path}: not found; {ENVIRONMENT} names it. Correct that, or leave it empty")
         return options
     known = _read(path)
     wanted = options.takes(known) if hasattr(options, "takes") else keys
@@ -55,8 +55,8 @@ def take_defaults(options: Any) -> Any:
         return options
     values = {keys[name]: str(value) if isinstance(value, Path) else value for name, value in used.items()}
     if not options.quiet:
-        said = ", ".join(f"{key} = {value}" for key, value in values.items())
-        print(f"calibrate: {printable(f'of {path}: {said}')} ({ENVIRONMENT}= leaves it out)", file=sys.stderr)
+        text = ", ".join(f"{key} = {value}" for key, value in values.items())
+        print(f"calibrate: {printable(f'of {path}: {text}')} ({ENVIRONMENT}= leaves it out)", file=sys.stderr)
     table: dict[str, Any] = {"file": str(path)}
     for key, value in values.items():
         section, name = key.split(".")

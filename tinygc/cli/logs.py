@@ -1,4 +1,4 @@
-"""Logs in the place of session folders: each becomes a session next to it, and what it does not state is asked at a terminal."""
+"""Logs in the place of session folders: each becomes a session next to it, and a terminal requests what it does not state."""
 
 from __future__ import annotations
 
@@ -37,16 +37,16 @@ def _session(paths: Sequence[Path], answers: Answers, quiet: bool) -> tuple[Path
 
     try:
         return session_next_to(paths, answers)
-    except QuestionsError as asked:
+    except QuestionsError as requested:
         known = {flag(Answers, each.name): each for each in fields(Answers)}
-        wanted = {question: known.get(question.option.split()[0]) for question in asked.questions}
+        wanted = {question: known.get(question.option.split()[0]) for question in requested.questions}
         if quiet or not (sys.stdin and sys.stdin.isatty() and sys.stderr.isatty()) or None in wanted.values():
             raise
         found: dict[str, Any] = {}
         for question, each in wanted.items():
             assert each is not None
             choices = question.choices or question.option.partition(" ")[2]
-            print(f"{asked.file}: what is {question.what}? ({choices}) ", end="", file=sys.stderr, flush=True)
+            print(f"{requested.file}: what is {question.what}? ({choices}) ", end="", file=sys.stderr, flush=True)
             text = sys.stdin.readline().strip()
             if not text:
                 raise

@@ -35,8 +35,8 @@ class Command(Record):
         return next(each for each in self.of_features if isinstance(each, kind))
 
     def refuse_with(self, what: str, *used: str, otherwise: str = "") -> None:
-        """Raise CalibrationError where options are given that do nothing beside ``what``, which uses those fields alone; what the user's
-        defaults say is of other commands as well.  otherwise: what to do instead."""
+        """Raise CalibrationError where options are given that do nothing with ``what``, which uses those fields alone; the user's
+        defaults are of other commands as well.  otherwise: what to do instead."""
         by_default = [each.name for each, rule in declared(self) if rule.default_key and self.defaults]
         idle = given(self, ("json", "quiet", "effects", *used, *by_default))
         refuse_with(what, dict.fromkeys(idle, True), self.of_features, otherwise)
@@ -66,7 +66,7 @@ class UsesEffects(Record):
 
 @dataclass(frozen=True)
 class Force(Record):
-    """Options of a command that writes where an option says."""
+    """Options of a command that writes where an option names."""
 
     force: bool = option(False, "write over what is there: another's file, a log, an earlier simulation", rare=True)
 

@@ -42,12 +42,12 @@ class Interruption:
     """A context that records signals; calling it returns whether one has requested the end."""
 
     def __init__(self) -> None:
-        self._asked = 0
+        self._requests = 0
         self._handled = contextlib.ExitStack()
 
     def __call__(self) -> bool:
         """Whether the end was requested."""
-        return self._asked > 0
+        return self._requests > 0
 
     def __enter__(self) -> Interruption:
         self._handled.enter_context(_handled(self._ask, signal.SIGINT))
@@ -57,10 +57,10 @@ class Interruption:
         self._handled.close()
 
     def _ask(self, number: int, frame: FrameType | None) -> None:
-        self._asked += 1
+        self._requests += 1
         if number == HANG_UP:
             _let_go()
-        if self._asked >= PATIENCE:
+        if self._requests >= PATIENCE:
             raise KeyboardInterrupt
 
 
@@ -199,7 +199,7 @@ def _try_folder(named: Path, folder: Path, json: Path | None, instead: str) -> N
 
 
 def write_json(path: Path | None, table: Any) -> None:
-    """Write the JSON where ``--json`` says: nowhere, standard output (-), or a file."""
+    """Write the JSON where ``--json`` names: nowhere, standard output (-), or a file."""
     if path is None:
         return
     from session.base.records import json_text, write_whole
@@ -216,7 +216,7 @@ def write_json(path: Path | None, table: Any) -> None:
 
 
 def keep(args: Any, found: Any, folder: Path | None, *names: str) -> None:
-    """Save a result with its pictures into a folder, or say that nothing is written; then its JSON.  names: of what it saves."""
+    """Save a result with its pictures into a folder, or print that nothing is written; then its JSON.  names: of what it saves."""
     if folder is not None:
         found.save(folder, pictures=args.pictures)
         written = [str(folder / name) for name in names if (folder / name).exists() and (args.pictures or not name.endswith(".svg"))]
@@ -227,7 +227,7 @@ def keep(args: Any, found: Any, folder: Path | None, *names: str) -> None:
 
 
 def try_json(path: Path | None) -> None:
-    """Fail early if the JSON cannot be written where ``--json`` says."""
+    """Fail early if the JSON cannot be written where ``--json`` names."""
     if path is None or is_standard_output(path) or is_stream(path):  # the system's is not opened twice
         return
     try:
@@ -282,10 +282,10 @@ def run_each(args: Any, one: Callable[[Any], Done], schema: str, title: str) -> 
         try:
             done = one(replace(args, folder=folder, more=(), out=places.get(folder), of_several=True))
         except (CalibrationError, OSError) as error:
-            said = str(error) if isinstance(error, CalibrationError) else f"{error.filename or folder}: {error.strerror or error}"
+            label = str(error) if isinstance(error, CalibrationError) else f"{error.filename or folder}: {error.strerror or error}"
             code = error.exit_code if isinstance(error, CalibrationError) else 2
-            complain(said if str(folder) in said else f"{folder}: {said}")
-            entries.append({"folder": str(folder), "exit_code": code, "error": printable(said), "result": None})
+            complain(label if str(folder) in label else f"{folder}: {label}")
+            entries.append({"folder": str(folder), "exit_code": code, "error": printable(label), "result": None})
             rows.append((str(folder), "–", "–", "–", "FAILED"))
         else:
             code = done.code

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 FORMATS = ("json", "kalibr", "openvins", "vins", "gtsam", "ros", "xio", "px4", "ardupilot", "c")
 #: those that noise figures alone go to, without a model
 NOISE_FORMATS = ("kalibr", "openvins", "vins", "gtsam", "ros", "px4", "ardupilot")
-#: what people call a format besides, in small letters and digits alone
+#: what people also call a format, in small letters and digits alone
 ALSO_CALLED = {
     **dict.fromkeys(("ros1", "ros2", "rosyaml", "imutools"), "ros"),
     **dict.fromkeys(("fusion", "xiofusion", "ximu", "ximu3", "xiotechnologies"), "xio"),
@@ -47,7 +47,7 @@ class ExportOptions(Record):
 
 
 @dataclass(frozen=True)
-class Beside(Record):
+class LogSession(Record):
     """What belongs to a log file to which a model is applied."""
 
     session: Path | None = option(
@@ -56,7 +56,7 @@ class Beside(Record):
 
 
 class ExportError(CalibrationError):
-    """Raised for a format that cannot carry the model, and for a fit that lacks what the format needs."""
+    """Raised for a format that cannot carry the model, and for a fit without what the format needs."""
 
 
 def feature_exports(model: Model) -> ModuleType | None:

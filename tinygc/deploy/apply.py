@@ -81,7 +81,7 @@ def model_of(path: Path) -> Path:
         raise CalibrationError(f"{path}: a folder without a fit; run `{command_line('fit', path)}` first, or give a model file")
     use = read_fit(fit / "fit.json").get("use") or {}
     if (name := use.get("model")) is None:
-        raise CalibrationError(f"{fit / 'fit.json'}: this fit recommends no model ({use.get('why', 'it says of none')}); give a model file")
+        raise CalibrationError(f"{fit / 'fit.json'}: this fit recommends no model ({use.get('why', 'none is named')}); give a model file")
     name = Path(name).name
     if not (fit / name).is_file():
         raise CalibrationError(f"{fit / name}: not there, and the fit recommends it; run `{command_line('fit', path)}` again")
@@ -117,7 +117,7 @@ def apply_model(
         if first is None:
             raise _no_samples(log)
         if not (np.diff(first.t_ns) > 0).any():
-            raise DataError("the log's stamps do not say its data rate, which the model needs; import counts samples at a rate: --odr HZ")
+            raise DataError("the model needs the data rate, which the log's stamps do not give; import counts samples at a rate: --odr HZ")
         rate_hz = pace_of(first.t_ns).rate_hz
         pieces = itertools.chain([first], pieces)
         made_for = model.made_for_hz
@@ -127,7 +127,7 @@ def apply_model(
     channels = {"acc": ("the accelerometer", reader.layout.accel), "temp": ("the temperature", reader.layout.temp)}
     if missing := [named for what, (named, there) in channels.items() if what in calibration.needs and there is None]:
         needed_for = ", ".join(calibration.effects)
-        raise DataError(f"{log.name} lacks {' and '.join(missing)}, which the model needs ({needed_for}); import joins two files")
+        raise DataError(f"{log.name} misses {' and '.join(missing)}, which the model needs ({needed_for}); import joins two files")
     if reader.layout.accel is not None:
         notes.append(f"specific force: {known.description}")
     if (spread := table.get("bias_sigma_rps")) is not None:
@@ -158,10 +158,10 @@ class LogSource:
     """Pieces of a standard log in SI: time stamps, measured rate, calibrated force, temperature."""
 
     def __init__(self, log: Path, known: Surroundings, gyro_alone: bool = True):
-        """The log's comments say its full scales and its sensor (``model``), or what surrounds it does; gyro_alone: whether it may lack an
+        """The log's comments state its full scales and its sensor (``model``), or its session does; gyro_alone: whether it may have no
         accelerometer.
 
-        Raises FormatError for a log that is calibrated already, and for registers whose full scale nobody says.
+        Raises FormatError for a log that is calibrated already, and for registers whose full scale is not stated.
         """
         self.reader = Reader(log, gyro_alone)
         self.layout, comments, sensor = self.reader.layout, self.reader.comments, known.sensor
@@ -172,7 +172,7 @@ class LogSource:
         accel_fs_g = number_in(comments, "accel_fs_g") or sensor.accel_fs_g
         for triad, full_scale, key in ((self.layout.gyro, gyro_fs_dps, "gyro_fs_dps"), (self.layout.accel, accel_fs_g, "accel_fs_g")):
             if triad is not None and triad.unit.si is None and full_scale is None:
-                raise FormatError(f"{log.name} holds registers and does not say the full scale (# {key}=…); give --session DIR")
+                raise FormatError(f"{log.name} holds registers and does not state the full scale (# {key}=…); give --session DIR")
         own = sensor.own_units if self.model == sensor.model else {}
         self._units = RegisterUnits(self.model or DEFAULT, gyro_fs_dps, accel_fs_g, **own)
         self._gyro = self.layout.gyro_si(self._units)
@@ -227,7 +227,7 @@ def _write(
 
 @contextlib.contextmanager
 def opened(out: Path) -> Iterator[BinaryIO | gzip.GzipFile]:
-    """Open ``out`` for bytes, compressed if its name says so, or standard output for ``-``."""
+    """Open ``out`` for bytes, compressed if its name ends so, or standard output for ``-``."""
     if str(out) == STANDARD:
         with open(sys.stdout.fileno(), "wb", closefd=False) as file:  # not ``sys.stdout``, of which the command hears no broken pipe
             yield file
@@ -241,7 +241,7 @@ def opened(out: Path) -> Iterator[BinaryIO | gzip.GzipFile]:
 
 
 def columns_of(unit: str, accel: bool, temp: bool, calibrated: tuple[str, ...]) -> list[str]:
-    """Return the names of the columns.  The last ones hold 1 and say what is calibrated, which prevents a second calibration of the log; a
+    """Return the names of the columns.  The last ones hold 1 and name what is calibrated, which prevents a second calibration of the log; a
     comment would, too, but other programs take its line for a row."""
     names = ["t_ns", *(f"g{axis}_{unit}" for axis in "xyz"), *(f"a{axis}_mps2" for axis in "xyz" if accel), *(["temp_c"] if temp else [])]
     return names + flags_of({CALIBRATED: ",".join(calibrated)})

@@ -19,7 +19,7 @@ from tinygc import models
 from tinygc.effects.movement import NOWHERE, Reach
 from tinygc.models.model import KnownSensor, Model, accelerometer_of, accelerometer_table, sensor_of
 
-# Inputs of a model besides the rate, and the samples around one that it depends on, from the declarations of its effects.
+# Inputs of a model other than the rate, and the samples around one that it depends on, from the declarations of its effects.
 
 #: half of the one-second average of temperature used in offline calibration, with a margin
 TEMPERATURE_REACH = Reach.around(samples=2, seconds=0.55)
@@ -62,19 +62,19 @@ def surroundings(table: dict, model_path: Path, log: Path, session: Path | None)
     sensor = stated if config is None else config.sensor
     given = None if config is None or config.accelerometer.source == "none" else config.accelerometer
     if given is not None and (own is None or (session is not None and not _is_own(table, path))):
-        accelerometer, says = given, f"calibrated as {path} says"
+        accelerometer, text = given, f"calibrated as {path} states"
         if own is not None:
             accelerometer, turned_rad = in_frame_of(own, given)
-            says += f", in the model's body frame ({1e3 * turned_rad:.2g} mrad from its own)"
-        return Surroundings(sensor, accelerometer, "session", says)
+            text += f", in the model's body frame ({1e3 * turned_rad:.2g} mrad from its own)"
+        return Surroundings(sensor, accelerometer, "session", text)
     if own is None:
         return Surroundings(sensor, None, "none", "as measured: neither the model nor a session.toml calibrates it")
-    says = f"calibrated as the model's fit has it ({SOURCE_TEXTS[own.source]})"
+    text = f"calibrated as in the model's fit ({SOURCE_TEXTS[own.source]})"
     if given is not None and config is not None and not _is_own(table, path):
         turned, turned_rad = in_frame_of(own, given)
-        says += f"; that of {path} differs by {difference_mg(own, turned, config):.2g} mg at one g"
-        says += f" and by {1e3 * turned_rad:.2g} mrad of the body frame: --session takes it"
-    return Surroundings(sensor, own, "model", says)
+        text += f"; that of {path} differs by {difference_mg(own, turned, config):.2g} mg at one g"
+        text += f" and by {1e3 * turned_rad:.2g} mrad of the body frame: --session takes it"
+    return Surroundings(sensor, own, "model", text)
 
 
 #: source of a calibration -> text for the user
@@ -122,7 +122,7 @@ def began_in_session(model: Model, table: dict, model_path: Path, log: Path) -> 
                 return float(moment)
     bygone = ", ".join(effects_of_session_time(model))
     raise CalibrationError(
-        f"{log}: no log of the session whose time {model_path.name} follows ({bygone}); apply {model_path.stem}_at_end.json beside it, "
+        f"{log}: no log of the session whose time {model_path.name} follows ({bygone}); apply {model_path.stem}_at_end.json next to it, "
         "or fit without physics"
     )
 
@@ -250,7 +250,7 @@ class Live:
     """One live stream: ``omega = live(raw, acc, temp)`` for each sample.  After a pause, start a new object."""
 
     def __init__(self, calibration: Calibration):
-        """Raises CalibrationError where the model needs later samples or its session's time, or lacks the rate."""
+        """Raises CalibrationError where the model needs later samples or its session's time, or has no rate."""
         if bygone := effects_of_session_time(calibration.model):
             raise CalibrationError(f"{', '.join(bygone)} follows the time of a past session: no live use; take at_end() of the model")
         self._stream, self._full_scale_dps = Stream(calibration, live=True), calibration.full_scale_dps
@@ -281,8 +281,8 @@ class Live:
 
 class Calibration:
     """A model ready for use.  ``model``: the fitted model; ``rate_hz``: its sampling rate in use, or None; ``effects``: ids of the effects
-    that it corrects; ``needs``: inputs besides the rate, among ``acc``, ``temp``, ``rate_hz``; ``accelerometer``: the calibration on which
-    the fit is based, None where the model's file has none."""
+    that it corrects; ``needs``: inputs other than the rate, among ``acc``, ``temp``, ``rate_hz``; ``accelerometer``: the calibration that
+    the fit is based on, None where the model's file has none."""
 
     def __init__(self, model: Model, rate_hz: float | None = None, table: dict | None = None, accelerometer: Accelerometer | None = None):
         """rate_hz: the sampling rate, needed where the physics depends on time; table: the content of the model file, which may hold more
@@ -302,7 +302,7 @@ class Calibration:
         self.needs = tuple(what for what in ("acc", "temp", "rate_hz") if what in arguments)
 
     def __repr__(self) -> str:
-        undone = f", undoes {', '.join(self.effects)}" if self.effects else ""
+        undone = f", corrects {', '.join(self.effects)}" if self.effects else ""
         return f"<Calibration {self.model.kind}, {self.model.parameters} parameters{undone}>"
 
     def __call__(
@@ -372,7 +372,7 @@ class Calibration:
 
     def live(self) -> Live:
         """Return a live stream, one sample after another.  Raises CalibrationError where the model needs later samples or its session's
-        time, or lacks a needed rate."""
+        time, or has no rate."""
         return Live(self)
 
     def to_json(self) -> dict:

@@ -40,7 +40,7 @@ MODEL, FIGURES = "model_rebiased.json", "rebiased.json"
 # all but the attitude is linear.
 
 #: the vehicle's or the hand's own velocity, and its correlation time (by benchmarks/paper_tables.py, the EuRoC training sequences)
-VELOCITY_MPS, VELOCITY_LASTS_S = 0.5, 2.0
+VELOCITY_MPS, VELOCITY_DECAY_S = 0.5, 2.0
 #: random walk of a bias, rad/s/sqrt(s) (by the same); time between knots, in which that is 0.005 dps; more of them only cost time
 WALK, KNOT_S, MOST_KNOTS = 3e-5, 10.0, 40
 #: uncertainty of the accelerometer, 10 mg, a data sheet's typical zero-g offset; and of the first attitude's tilt, which follows from it
@@ -109,7 +109,7 @@ def _bias_from_gravity(
             break
     covariance = mean @ np.linalg.inv(precision + jacobian.T @ jacobian) @ mean.T
     if not (np.isfinite(x).all() and np.isfinite(covariance).all()):
-        raise FitError("the bias from gravity left the finite numbers; are rate and specific force in the units that the header says?")
+        raise FitError("the bias from gravity left the finite numbers; are rate and specific force in the units of the header?")
     return _BiasOfDay(mean @ x, sigmas_in(covariance), knots, x[:count].reshape(-1, 3))
 
 
@@ -197,7 +197,7 @@ class _SmoothedRun:
 
 def _whitened(velocity: np.ndarray, span: np.ndarray) -> np.ndarray:
     """Whiten an Ornstein-Uhlenbeck process (n, …) to units of its innovations."""
-    keep = np.exp(-span[1:] / VELOCITY_LASTS_S).reshape(-1, *[1] * (velocity.ndim - 1))
+    keep = np.exp(-span[1:] / VELOCITY_DECAY_S).reshape(-1, *[1] * (velocity.ndim - 1))
     innovations = (velocity[1:] - keep * velocity[:-1]) / np.sqrt(1 - keep**2)
     return np.concatenate([velocity[:1], innovations]) / VELOCITY_MPS
 
@@ -222,7 +222,7 @@ def origin_of(table: dict, session: Session) -> tuple[bool | None, str]:
         return False, f"the stored model was fitted to other logs ({name or 'of a session without a name'})"
     if name:
         return False, f"the stored model is of another session by its name ({name})"
-    return None, "what the stored model was fitted to is not known: its file does not say"
+    return None, "what the stored model was fitted to is not known: its file does not state it"
 
 
 # A stored calibration in a new session: E is kept, the bias is taken from the first still, from gravity, or from the user.
@@ -231,7 +231,7 @@ def origin_of(table: dict, session: Session) -> tuple[bool | None, str]:
 DISAGREE_SIGMAS = 5.0
 #: of a normal distribution: its standard deviation over the median of the deviations
 MAD_TO_SIGMA = 1.4826
-#: fewer do not say which of them is false
+#: fewer do not show which of them is false
 FEWEST_STILLS = 5
 
 

@@ -36,7 +36,7 @@ from tinygc.noise.measured import measured_noise
 
 
 class GivenPrior(Protocol):
-    """What least squares knows of the unit beforehand; methods: those that are fitted where none are asked for."""
+    """What least squares knows of the unit beforehand; methods: those that are fitted where none are requested."""
 
     methods: tuple[str, ...]
 
@@ -171,7 +171,7 @@ def _run_methods(
     known = {} if saved is None else saved_methods(saved, level, options, inputs_of(problem))
     known.setdefault("least_squares", linear)
     if options.as_in_paper and any(name in NETS and name not in known for name in options.methods):
-        device()  # what is missing is said before the work
+        device()  # what is missing is reported before the work
     fits: dict[str, MethodFit] = {}
     not_run: dict[str, str] = {}
     for name in options.methods:
@@ -185,7 +185,7 @@ def _run_methods(
     return fits, tuple(name for name in options.methods if name in known and known[name] is not linear), not_run
 
 
-# What a recording closes to, whatever ``check`` says of it: before and after its repair.
+# What a recording closes to, whatever ``check`` finds in it: before and after its repair.
 
 #: measured rates less the first still's mean show the recording as it is; least squares shows what a calibration leaves
 SHOWN_BY = ("raw_bias_removed", "least_squares")

@@ -56,7 +56,7 @@ def list_sessions(folder: Path) -> list[ListedSession]:
 
 
 def folders_of(folder: Path, depth: int = 0) -> Iterator[Path]:
-    """Yield the session folders in a folder, or the folder itself, by name; ``depth`` below the one that was asked for."""
+    """Yield the session folders in a folder, or the folder itself, by name; ``depth`` below the one that was given."""
     try:
         if (folder / "session.toml").exists() or (depth and any(folder.glob("log*.csv*"))):
             yield folder

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from tinygc.noise.refit import Refit
 
 
-#: findings of the first look beside which a pass is weak evidence: not all of the log was used, or not all turns are alike
+#: findings of the first look with which a pass is weak evidence: not all of the log was used, or not all turns are alike
 DOUBTED = (NO_STILLS, FILTER, TRACKED)
 
 AT_END = "_at_end"
@@ -173,7 +173,7 @@ class FitResult:
 
     @cached_property
     def doubts(self) -> list[str]:
-        """Reasons, besides the closure's, for which a pass of this session is weak evidence."""
+        """Reasons, other than the closure's, for which a pass of this session is weak evidence."""
         known = [] if self.nominal_rate is None else [self.nominal_rate.doubt]
         if not self.against_raw.held_out:
             known.append("no method was fitted: ask for least_squares")
@@ -196,8 +196,8 @@ class FitResult:
         return {}
 
     def decided(self, candidate: CandidateFit, is_linear: bool, limit_deg: float | None = None, doubts: Sequence[str] = ()) -> Acceptance:
-        """The verdict on a calibration of this session.  is_linear: whether it is the linear model, of which ``tests`` are; doubts beside
-        this session's own, and beside those of an effect that the linear model lacks and that may have moved it too far."""
+        """The verdict on a calibration of this session.  is_linear: whether it is the linear model, of which ``tests`` are; doubts other
+        than this session's own, and than those of an effect missing from the linear model that may have moved it too far."""
         wide = [] if self.allowed is None or not is_linear else too_wide(self.allowed.tilt_rms, limit_deg, self.against_raw)
         return decide(
             candidate,

@@ -1,7 +1,7 @@
 """What is known of a unit, read once: a calibration with its uncertainty, the session it was fitted to, its noise, its other sessions.
 
-``fit --history``, ``verify``, ``watch``, ``history``, and a bias that is taken anew start from this record.  How far the unit's numbers are
-others in another session has one answer, ``spread_of``: by its other sessions, else as session.toml, its lot or its model's file have it,
+``fit --history``, ``verify``, ``watch``, ``history``, and a new bias start from this record.  How far the unit's numbers are others
+in another session has one answer, ``spread_of``: by its other sessions, else as session.toml, its lot or its model's file have it,
 else as usual.
 """
 
@@ -56,7 +56,7 @@ _JOINT = np.diag(np.r_[np.full(6, GIVEN_MPS2 / G), np.full(3, GIVEN_MPS2)] ** 2)
 
 @dataclass(frozen=True, eq=False)
 class UnitState:
-    """path of a model's file, as it is named in messages; model; table: all that the file holds; fit: ``fit.json`` beside it, empty where
+    """path of a model's file, as it is named in messages; model; table: all that the file holds; fit: ``fit.json`` next to it, empty where
     there is none; folder, config: the session that it was fitted to and its session.toml, None where they do not lie around it; figures:
     the unit's noise at rest, None where not known."""
 
@@ -109,7 +109,7 @@ class UnitState:
 
     @property
     def temperature_c(self) -> float | None:
-        """Mean temperature of its session, °C; None where the file does not say it."""
+        """Mean temperature of its session, °C; None where the file does not state it."""
         return None if self.table.get("temperature_c") is None else float(self.table["temperature_c"])
 
     # The calibration, and what is not known of it.
@@ -147,10 +147,10 @@ class UnitState:
     @cached_property
     def triad(self) -> AccelerometerFit:
         """The accelerometer's calibration."""
-        said = self.fit.get("accelerometer") or {}
+        lines = self.fit.get("accelerometer") or {}
         calibration = self.accelerometer or (Accelerometer(source="none") if self.config is None else self.config.accelerometer)
-        left = [name for name in ACCELEROMETER_NAMES if name in (said.get("unobserved") or [])]
-        return AccelerometerFit(said.get("mode", "given"), calibration, self._of_joint("matrix"), tuple(left))
+        left = [name for name in ACCELEROMETER_NAMES if name in (lines.get("unobserved") or [])]
+        return AccelerometerFit(lines.get("mode", "given"), calibration, self._of_joint("matrix"), tuple(left))
 
     @cached_property
     def triad_of_given(self) -> np.ndarray | None:
@@ -200,31 +200,31 @@ class UnitState:
         return found
 
     @property
-    def lacks(self) -> list[str]:
-        """What the file does not say, a sentence each."""
-        said = []
+    def missing_words(self) -> list[str]:
+        """What the file does not state, a sentence each."""
+        lines = []
         if not self.has_covariance:
-            said.append(
+            lines.append(
                 "the model file has no covariance: that of a usual session of 40 turns is assumed, 50 ppm and 0.002 dps; fit it again"
             )
         elif isinstance(self.model, PhysicsModel):
-            said.append("of the model's covariance, that of E and B is taken; that of its effects is not")
+            lines.append("of the model's covariance, that of E and B is taken; that of its effects is not")
         if self.accelerometer is None:
-            said.append(
+            lines.append(
                 "the model file has no accelerometer calibration: today's is taken, E must be in its frame, and gravity's "
-                "length is not asked"
+                "length is not tested"
             )
-        return said
+        return lines
 
     @property
     def notes(self) -> list[str]:
         """What to know of its sigmas and its scale."""
-        said = []
+        lines = []
         if (found := self.fit.get("goodness")) is not None and found["p_value"] < DIFFERS_P:
-            said.append("its closure is above its noise floor: its sigmas are widened for that, and `explain` says why")
+            lines.append("its closure is above its noise floor: its sigmas are widened for that, and `explain` shows why")
         if self.clock != CLOCKS[0]:
-            said.append(f"its scale is by the computer's clock (--clock {self.clock})")
-        return said
+            lines.append(f"its scale is by the computer's clock (--clock {self.clock})")
+        return lines
 
     def required(self) -> UnitState:
         """Itself, a linear model with a sound covariance and fit.  Raises FormatError for any other."""
@@ -236,18 +236,18 @@ class UnitState:
             raise FormatError(f"{self.path}: the covariance is not positive definite; {again}")
         if self.of_given is not None and (self.of_given.shape != (12, 12) or not np.isfinite(self.of_given).all()):
             raise FormatError(f"{self.path}: accelerometer_covariance is not 12 x 12; {again}")
-        said = self.fit.get("accelerometer") or {}
-        mode, left = said.get("mode", "given"), said.get("unobserved") or []
+        lines = self.fit.get("accelerometer") or {}
+        mode, left = lines.get("mode", "given"), lines.get("unobserved") or []
         joint = self.table.get("joint_covariance")
         if mode not in MODES or not isinstance(left, list) or (mode != "given" and self.triad.covariance is None and joint is not None):
-            raise FormatError(f"{self.path}: fit.json beside it says nothing sound of the accelerometer; {again}")
+            raise FormatError(f"{self.path}: fit.json next to it states nothing sound of the accelerometer; {again}")
         return self
 
     # Its noise, as its own fit found it.
 
     @property
     def goodness(self) -> tuple[float, int] | None:
-        """Chi-square and degrees of freedom of the fit's own closure, None where no fit.json lies beside it."""
+        """Chi-square and degrees of freedom of the fit's own closure, None where no fit.json lies next to it."""
         found = self.fit.get("goodness")
         return None if found is None else (float(found["chi_square"]), int(found["freedom"]))
 
@@ -325,7 +325,7 @@ def _of_calibrated(linear: LinearModel) -> np.ndarray:
 
 
 def read_state(where: Path, noise: Path | None = None) -> UnitState:
-    """Read a model file, or that of a fitted session folder, with what lies beside it.
+    """Read a model file, or that of a fitted session folder, with what lies next to it.
 
     noise: the unit's ``noise.json``, or its folder.  Raises FormatError for what cannot be read, CalibrationError for noise that is
     not there.
@@ -336,11 +336,11 @@ def read_state(where: Path, noise: Path | None = None) -> UnitState:
             refuse_special(where)
         raise FormatError(f"{path}: not found; run `{command_line('fit', where)}` first, or give a model file")
     model, table = models.load_with_table(path)
-    beside = path.parent
-    folder = beside.parent if beside.name == "fit" and (beside.parent / "session.toml").is_file() else None
-    fit = read_fit(beside / "fit.json", f"run `{command_line('fit', where)}` again") if (beside / "fit.json").is_file() else {}
+    home = path.parent
+    folder = home.parent if home.name == "fit" and (home.parent / "session.toml").is_file() else None
+    fit = read_fit(home / "fit.json", f"run `{command_line('fit', where)}` again") if (home / "fit.json").is_file() else {}
     config = None if folder is None else read_config(folder / "session.toml")
-    candidates = [beside / FILE] if noise is None else [noise, noise / FILE, noise / "fit" / FILE]
+    candidates = [home / FILE] if noise is None else [noise, noise / FILE, noise / "fit" / FILE]
     found = next((each for each in candidates if each.is_file()), None)
     if noise is not None and found is None:
         raise CalibrationError(f"{noise}: no {FILE} there; give the file itself, or the folder that holds it")
@@ -455,7 +455,7 @@ def spread_of(
 ) -> Spread:
     """How far each number of a unit is another one in another session.
 
-    The first that tells it of: its other sessions (between), session.toml, its lot, its model's file (table), what is usual.
+    The first that has it of: its other sessions (between), session.toml, its lot, its model's file (table), what is usual.
     """
     found = between or Spread.of([], [], "")
     if config is not None and (given := config.sensor.gyro_bias_repeatability_dps) is not None:

@@ -14,7 +14,7 @@ from session.base.options import records, refuse_with
 from session.base.progress import Progress, no_report
 from session.log.logfile import Log, refuse_calibrated
 from session.log.samples import Samples
-from tinygc.deploy import Beside
+from tinygc.deploy import LogSession
 from tinygc.deploy.apply import Applied, apply_model, model_of
 from tinygc.deploy.calibration import Calibration
 from tinygc.library.arguments import column_unit, is_fit, public
@@ -26,7 +26,7 @@ from tinygc.models.files import load_with_table
 FURTHER = tuple(features.each("options of apply"))
 
 
-@public(Beside, *FURTHER)
+@public(LogSession, *FURTHER)
 def apply(
     model: Any,
     data: Any,
@@ -49,7 +49,7 @@ def apply(
     out : str or Path, optional
         The log to write, .csv or .csv.gz, of a log file.
     acc, temp : array_like, optional
-        Beside rates: calibrated specific force (N, 3), m/s^2, and temperature (N,), degC, where the model needs them.
+        With the rates: calibrated specific force (N, 3), m/s^2, and temperature (N,), degC, where the model needs them.
     unit : str, optional
         Of rates, in and out; of a log file the unit that is written.
     progress : callable, optional
@@ -106,7 +106,7 @@ def _apply_to_log(calibration: Calibration, log: Log) -> Samples:
     if calibration.rate_hz is None and calibration.uses_rate:
         calibration = Calibration(calibration.model, 1 / samples.period_s, calibration.to_json())
     if "temp" in calibration.needs and samples.temp_c is None:
-        raise CalibrationError(f"{log.path.name} lacks the temperature, which the model needs ({', '.join(calibration.effects)})")
+        raise CalibrationError(f"{log.path.name} has no temperature, which the model needs ({', '.join(calibration.effects)})")
     force = samples.accel[:] if calibration.accelerometer is None else calibration.accelerometer.correct(samples.accel[:])
     stream = calibration.stream()
     temp_c = None if samples.temp_c is None else samples.temp_c[:]
@@ -129,14 +129,14 @@ def _apply_to_file(
     for source in (log, path):
         if source.exists() and Path(out).exists() and os.path.samefile(source, out):
             raise CalibrationError(f"{out}: is what is read, and nothing is written over it; give out another path")
-    beside, *further = records(choices, Beside, *FURTHER)
-    how: dict[str, Any] = {"unit": column_unit(unit), "session": beside.session, "further": further, "progress": progress or no_report}
+    place, *further = records(choices, LogSession, *FURTHER)
+    how: dict[str, Any] = {"unit": column_unit(unit), "session": place.session, "further": further, "progress": progress or no_report}
     if table is None and (fused := features.first("use of a model", path, log, Path(out), **how)) is not None:
         return fused
     if log.is_dir():
         raise CalibrationError(f"{log}: cannot be read (it is a folder, expected a log)")
     refuse_with(f"{path.name}, the model of one sensor", {}, further)
-    done: Applied = apply_model(path, log, Path(out), beside.session, how["unit"], progress, table)
+    done: Applied = apply_model(path, log, Path(out), place.session, how["unit"], progress, table)
     return done
 
 

@@ -61,7 +61,7 @@ KINDS: dict[str, tuple[Callable[[Any], bool], str]] = {
 
 
 def _check_kinds(function: Callable[..., Any], given: Mapping[str, Any]) -> None:
-    """Raise CalibrationError for an argument whose kind is another than its annotation says, as far as ``KINDS`` knows it."""
+    """Raise CalibrationError for an argument whose kind is another than its annotation has, as far as ``KINDS`` knows it."""
     for name, value in given.items():
         kind = str(function.__annotations__.get(name, ""))
         optional = kind.endswith(" | None")

@@ -114,19 +114,19 @@ class Rebias(Shown):
     @property
     def remarks(self) -> list[str]:
         """On the figures."""
-        said = [f"{self.origin[1]}; start and gravity take the bias from this session itself, from its first still and its accelerometer"]
+        notes = [f"{self.origin[1]}; start and gravity take the bias from this session itself, from its first still and its accelerometer"]
         if false := false_stills(self.problem, self.state.model):
             stills = "the first still is" if len(false) == 1 else f"the first {len(false)} stills are"
-            said.append(
+            notes.append(
                 f"{stills} passed over: {'it reads' if len(false) == 1 else 'they read'} {max(false) / DEG:.3g} dps otherwise than the "
                 f"other {len(self.problem.still_rates.rate) - len(false)}; was the table turning about the vertical?"
             )
         if self.disagreement > DISAGREE_SIGMAS:
-            said.append(
+            notes.append(
                 f"start and gravity differ by {self.disagreement:.0f} sigmas: E is not this sensor's (an uncalibrated model?), or its zero "
                 "moves between rest and motion; one of the two sigmas does not hold"
             )
-        return said
+        return notes
 
     @property
     def page(self) -> Group:
@@ -210,7 +210,7 @@ def rebias(
     progress: Progress | None = None,
     **choices: Any,
 ) -> Rebias:
-    """Take the bias of a stored calibration anew from another session: the bias of the day.
+    """Estimate the bias of a stored calibration again from another session: the bias of the day.
 
     Parameters
     ----------

@@ -80,7 +80,7 @@ class Fit(Shown):
 
     @cached_property
     def sensor_errors(self) -> Named[Estimate]:
-        """What the sensor errs by, as ``fit`` prints it: ``scale_factor_error_x`` … in ppm, ``misalignment_x_to_y`` … in mrad, ``bias_x`` …
+        """Errors of the sensor, as ``fit`` prints it: ``scale_factor_error_x`` … in ppm, ``misalignment_x_to_y`` … in mrad, ``bias_x`` …
         in dps; NaN where the session does not observe it."""
         found = [quantity for quantity in sensor_errors(self.result) if quantity.word in SENSOR_ERRORS]
         named = ((quantity.name.replace(" ", "_"), quantity) for quantity in found)

@@ -39,7 +39,7 @@ class LogArrays:
     accel_mps2: np.ndarray
     #: (N,) °C, or None
     temp_c: np.ndarray | None
-    #: as stated, or assumed: then a note says so
+    #: as stated, or assumed: then a note states it
     gyro_fs_dps: float
     #: as stated, or assumed
     accel_fs_g: float
@@ -47,17 +47,17 @@ class LogArrays:
     took: tuple[str, ...]
     #: what was repaired, assumed or left out
     notes: tuple[str, ...]
-    #: the sensor's model, ``"unknown"`` where neither the log nor the caller says it
+    #: the sensor's model, ``"unknown"`` where neither the log nor the caller states it
     sensor: str
-    #: the sensor's serial number, as far as the log says it
+    #: the sensor's serial number, as far as the log states it
     serial: str
-    #: Hz, the data rate as stated, or as the stamps say
+    #: Hz, the data rate as stated, or by the stamps
     odr_hz: float
     #: whether there were no stamps, so that ``t_s`` counts samples at ``odr_hz``
     counted: bool
     #: whether the log held registers
     raw: bool
-    #: what the log says of itself (``key=value``), as ``Log.comments`` has it
+    #: what the log states of itself (``key=value``), as ``Log.comments`` has it
     comments: dict[str, str]
 
     def __repr__(self) -> str:
@@ -65,13 +65,13 @@ class LogArrays:
 
     def session(self, **more: Any) -> Session:
         """The session that ``import_log`` makes, of these arrays; more: further arguments of ``Session.from_arrays``."""
-        told: dict[str, Any] = {
+        values: dict[str, Any] = {
             "gyro_fs_dps": self.gyro_fs_dps,
             "accel_fs_g": self.accel_fs_g,
             "model": self.sensor,
             "serial": self.serial,
         } | more
-        made = public()(Session.from_arrays)(self.t_s, self.gyro_rps, self.accel_mps2, self.temp_c, **told)
+        made = public()(Session.from_arrays)(self.t_s, self.gyro_rps, self.accel_mps2, self.temp_c, **values)
         sensor = replace(made.config.sensor, odr_hz=self.odr_hz)
         logs = tuple(replace(log, comments=dict(self.comments), raw=self.raw) for log in made.logs)
         return replace(made, config=replace(made.config, sensor=sensor), logs=logs)
@@ -105,15 +105,15 @@ def asking_for_keywords() -> Iterator[None]:
     """Let questions name keywords instead of the command's options."""
     try:
         yield
-    except QuestionsError as asked:
-        words = [question.option.split(" ") for question in asked.questions]
+    except QuestionsError as requested:
+        words = [question.option.split(" ") for question in requested.questions]
         named = [KEYWORDS.get(word[0], word[0].removeprefix("--").replace("-", "_")) + "=" + "".join(word[1:2]) for word in words]
-        questions = [replace(question, option=name) for question, name in zip(asked.questions, named, strict=True)]
-        raise QuestionsError(asked.file, asked.dialect, questions) from None
+        questions = [replace(question, option=name) for question, name in zip(requested.questions, named, strict=True)]
+        raise QuestionsError(requested.file, requested.dialect, questions) from None
 
 
 def columns_of(columns: Sequence[str] | None) -> tuple[str, ...]:
-    """Return what a list of columns, one for each file, says; none where it is left out."""
+    """Return what a list of columns, one for each file, states; none where it is left out."""
     return () if columns is None else (columns,) if isinstance(columns, str) else tuple(columns)
 
 
@@ -154,7 +154,7 @@ def import_log(
     Raises
     ------
     CalibrationError
-        For what cannot be read, with the line; for all that the log does not say, with each option.
+        For what cannot be read, with the line; for all that the log does not state, with each option.
 
     Examples
     --------
@@ -218,7 +218,7 @@ def read_log(paths: Any, *, columns: Sequence[str] | None = None, **answers: Any
         except CalibrationError as error:
             if folder not in str(error):
                 raise
-            raise FormatError(str(error).replace(f"{folder}{os.sep}", "")) from None  # a folder that nobody has given
+            raise FormatError(str(error).replace(f"{folder}{os.sep}", "")) from None  # a folder that was not given
     if len(session.logs) != 1:
         raise CalibrationError(f"read_log: it makes {len(session.logs)} logs, and arrays are of one; use tinygc.import_log")
     (log,), sensor = session.logs, session.config.sensor

@@ -72,7 +72,7 @@ class Report(Shown):
         return plain(summary(self.data))
 
     def save(self, path: Path | str, *, pdf: bool = False) -> list[Path]:
-        """Write the HTML file, and the same as PDF beside it, which needs Chromium; returns the paths."""
+        """Write the HTML file, and the same as PDF next to it, which needs Chromium; returns the paths."""
         from tinygc.reporting.html.page import save
         from tinygc.reporting.html.paper import print_pdf, require_browser
 
@@ -182,14 +182,14 @@ class Exported:
         if model is None:
             if name not in NOISE_FORMATS:
                 raise ExportError(f"{name} carries a model, and there are noise figures alone; these go to {', '.join(NOISE_FORMATS)}")
-            context.say(f"{name}: there is no model: the noise alone is exported, no calibration")
+            context.remark(f"{name}: there is no model: the noise alone is exported, no calibration")
             return cls(name, module.export_noise(context), remarks)
         try:
             return cls(name, module.export(model, context), remarks)
         except ExportError as error:  # rest logs have a model over temperature, which few formats carry, and noise, which many do
             if context.noise is None or feature_exports(model) is None or name not in NOISE_FORMATS:
                 raise
-            context.say(f"{error}: the noise alone is exported, no calibration")
+            context.remark(f"{error}: the noise alone is exported, no calibration")
             return cls(name, module.export_noise(context), remarks)
 
     def save(self, folder: Path | str) -> list[Path]:

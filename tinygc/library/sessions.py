@@ -1,4 +1,4 @@
-"""``tinygc.accelerometer`` and ``tinygc.plan``: what the stills of a session tell of the accelerometer, and what to record next."""
+"""``tinygc.accelerometer`` and ``tinygc.plan``: what the stills of a session show of the accelerometer, and what to record next."""
 
 from __future__ import annotations
 
@@ -132,17 +132,17 @@ class Plan(Shown):
     @property
     def lines(self) -> list[str]:
         """What the command prints."""
-        asked, enough = self.requested, self.enough
-        said = [f"explain asks: {asked}"] if asked else []
+        wanted, enough = self.requested, self.enough
+        notes = [f"explain requests: {wanted}"] if wanted else []
         for number, move in enumerate(self.proposals, start=1):
-            said.append(f"{number}. {move.words}: {move.parameter}, {move.now:.1f} -> {move.after:.1f} times its target sigma")
+            notes.append(f"{number}. {move.words}: {move.parameter}, {move.now:.1f} -> {move.after:.1f} times its target sigma")
         if self.proposals and enough is not None:
-            said.append(f"{enough} more turn{'s are' if enough != 1 else ' is'} enough for every target")
+            notes.append(f"{enough} more turn{'s are' if enough != 1 else ' is'} enough for every target")
         if not self.proposals:
             own = "of the accelerometer 50 ppm, or 100 where it is given, 0.05 mrad, 0.05 mg"
             done = f"every parameter has reached its target sigma (50 ppm, 0.05 mrad, 2 mdps; {own})"
-            said.append(f"{done}: nothing more is needed" + (" for the linear calibration" if asked else ""))
-        return said
+            notes.append(f"{done}: nothing more is needed" + (" for the linear calibration" if wanted else ""))
+        return notes
 
     @property
     def page(self) -> Group:
@@ -156,7 +156,7 @@ class Plan(Shown):
 
 @public()
 def plan(session: Session | Path | str, *, count: int = 5) -> Plan:
-    """Say which movements to record next.
+    """Find which movements to record next.
 
     Parameters
     ----------

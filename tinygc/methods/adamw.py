@@ -70,7 +70,7 @@ def minimise(
             optimizer.zero_grad()
             loss = loss_of(weights)
             if not torch.isfinite(loss):
-                raise FitError("training left the finite numbers; are the rates in the log in the unit that its header says?")
+                raise FitError("training left the finite numbers; are the rates in the log in the unit of its header?")
             value = float(loss.detach())
             if not losses or value < min(losses):
                 best = _array(weights)

@@ -340,7 +340,7 @@ def _settle(vector: np.ndarray, terms: list[Term], prior: float, steps: int) -> 
         J = np.concatenate([whole[:, axis] @ by for axis, by in enumerate(jacobian())], axis=1)
         off = (x - began) / prior
         if not np.isfinite(value := float(r @ r)):
-            raise FitError("training the denoiser left the finite numbers; are the rates in the log in the unit that its header says?")
+            raise FitError("training the denoiser left the finite numbers; are the rates in the log in the unit of its header?")
         losses.append(value / len(r))
         return Cost(value + float(off @ off), 2 * (J.T @ r + off / prior), 2 * (J.T @ J + np.eye(len(x)) / prior**2))
 
@@ -446,10 +446,10 @@ def run(problem: Problem, options: FitOptions, progress: Steps, before: dict[str
     steps, loss = len(calibrated.fold_models) + 1, "endpoint" if endpoint else "neighbours"
 
     def train(seen: Material, calibration: Model, done: int, label: str, **how: Any) -> DenoiserTraining:
-        told = partial(report, progress, done, steps)
+        values = partial(report, progress, done, steps)
         if options.as_in_paper:
-            return train_adamw(seen, calibration, options.seed, told, options.checkpoint(f"denoiser_{label}"))
-        return train_denoiser(seen, calibration, loss, seed=options.seed, progress=told, **how)
+            return train_adamw(seen, calibration, options.seed, values, options.checkpoint(f"denoiser_{label}"))
+        return train_denoiser(seen, calibration, loss, seed=options.seed, progress=values, **how)
 
     began, enough, smooth = time.perf_counter(), material.enough(), None
     smoothing = None if endpoint else smoothing_rows(enough, calibrated.model)

@@ -131,7 +131,7 @@ class _Problem:
             rows.append(self.still_rates.residuals(CalibrationNet.from_vector(vector)))
         r = np.concatenate(rows)
         if not np.isfinite(r).all():
-            raise FitError("training left the finite numbers; are the rates in the log in the unit that its header says?")
+            raise FitError("training left the finite numbers; are the rates in the log in the unit of its header?")
         return r
 
     def jacobian(self, vector: np.ndarray, sensitivity: np.ndarray) -> np.ndarray:

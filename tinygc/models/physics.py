@@ -19,7 +19,7 @@ from tinygc.models.nets import CalibrationNet, weight
 
 # Reference conditions of a model as JSON: ``conditions`` of ``tinygc-model/1``.
 
-#: no session lasts longer than a year
+#: no session is longer than a year
 _YEAR_S = 366 * 86400.0
 CONDITIONS_TABLE = Keys(
     {"duration_s": Number(0, _YEAR_S), "fs_rps": Number(0, RATE.high, above=True), "first_temp_c": Maybe(CELSIUS)},

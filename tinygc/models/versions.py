@@ -33,7 +33,7 @@ def _commit() -> str | None:
     if not (ROOT / ".git").exists() or not (ROOT / "calibrate.py").exists():
         return None
     try:
-        said = subprocess.run(
+        words = subprocess.run(
             ["git", "-C", str(ROOT), "describe", "--always", "--dirty=, changed since", "--abbrev=12", "--exclude=*"],
             capture_output=True,
             text=True,
@@ -42,4 +42,4 @@ def _commit() -> str | None:
         )
     except (OSError, subprocess.SubprocessError):
         return None
-    return said.stdout.strip() or None
+    return words.stdout.strip() or None

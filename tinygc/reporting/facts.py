@@ -1,4 +1,4 @@
-"""Facts, said once: what a result states as text, tables and pictures, which a terminal, a page and a notebook render alike.
+"""Facts, stated once: what a result has as text, tables and pictures, which a terminal, a page and a notebook render alike.
 
 A result's facts are lines and tables in their order, the answer first.  A line is text, or rich's ``Text`` with a style; a ``Table`` has
 cells of text.  A number goes with its sigma and is rounded to the sigma's two digits (``session/base/texts.py:measured``).  ``screen``
@@ -80,14 +80,14 @@ class Table:
         from tinygc.reporting.html import markup  # late: a terminal needs none
 
         rows = [[typeset(words(cell), place not in self.left) for place, cell in enumerate(row)] for row in self.rows]
-        said = ". ".join(filter(None, (self.title, self.caption)))
+        remarks = ". ".join(filter(None, (self.title, self.caption)))
         marked = [number for number, style in self.styles.items() if "bold" in style]
-        return markup.table([typeset(cell) for cell in self.header], rows, typeset(said), self.kind, marked, self.minor)
+        return markup.table([typeset(cell) for cell in self.header], rows, typeset(remarks), self.kind, marked, self.minor)
 
 
 def errors_table(title: str, facts: Sequence[Fact], notes: Sequence[str] = (), meanings: Mapping[str, str] | None = None) -> Table:
     """Errors of a sensor by axis: value ± one sigma; meanings of the terms: for a page, which states the expanded uncertainty, in brackets
-    what one effect that the model lacks may add, and k."""
+    what one missing effect may add, and k."""
     rows: dict[str, tuple[list[str], set[str]]] = {}
     first: dict[str, str] = {}  # row of a word
     for q in facts:
@@ -141,22 +141,22 @@ def _html_of(part: Part) -> str:
         return markup.figure(part, typeset(part.caption))
     whole = part if isinstance(part, Text) else Text(part)
     ends = sorted({0, len(whole), *(end for span in whole.spans for end in (span.start, span.end))})
-    said = "\u00a0" * (len(whole) - len(whole.plain.lstrip(" ")))  # a line that is set in, as a matrix' rows below its name
+    remarks = "\u00a0" * (len(whole) - len(whole.plain.lstrip(" ")))  # a line that is set in, as a matrix' rows below its name
     for piece in whole.divide(ends[1:-1]):
         bold = any("bold" in str(style) for style in (piece.style, *(span.style for span in piece.spans)))
-        text = typeset(piece.plain if said.strip() else piece.plain.lstrip(" "))
-        said += f"<strong>{text}</strong>" if bold and text.strip() else text
-    return markup.paragraph(said, KINDS.get(str(whole.style), ""))
+        text = typeset(piece.plain if remarks.strip() else piece.plain.lstrip(" "))
+        remarks += f"<strong>{text}</strong>" if bold and text.strip() else text
+    return markup.paragraph(remarks, KINDS.get(str(whole.style), ""))
 
 
 def typeset(text: str, number: bool = False) -> str:
     """Text as HTML, its further lines small; with true minus signs, and thin spaces between the thousands of a number."""
     from tinygc.reporting.html import markup  # late: a terminal needs none
 
-    said = print_minus(text)
+    remarks = print_minus(text)
     if number:
-        said = THOUSANDS.sub(lambda found: f"{int(found[0]):,}".replace(",", "\u202f"), said)
-    first, *more = ("\u202f".join(map(markup.escape, line.split("\u202f"))) for line in said.split("\n"))
+        remarks = THOUSANDS.sub(lambda found: f"{int(found[0]):,}".replace(",", "\u202f"), remarks)
+    first, *more = ("\u202f".join(map(markup.escape, line.split("\u202f"))) for line in remarks.split("\n"))
     return first + "".join(f"<br><small>{line}</small>" for line in more)
 
 
@@ -173,7 +173,7 @@ def page(kicker: str, heading: str, chapters: Iterable[Chapter], foot: str) -> s
     """A document of chapters; foot: sentences below them."""
     from tinygc.reporting.html import markup  # late: a terminal needs none
 
-    made = [markup.Section(name, title, said if isinstance(said, str) else html(said)) for name, title, said in chapters]
+    made = [markup.Section(name, title, remarks if isinstance(remarks, str) else html(remarks)) for name, title, remarks in chapters]
     head = f'<header><p class="kicker">{markup.escape(kicker)}</p><h1>{markup.escape(heading)}</h1></header>'
     return document(f"{kicker}: {heading}", head, made, f"<footer>{markup.escape(foot)} TinyGC {markup.escape(VERSION)}.</footer>")
 

@@ -92,9 +92,9 @@ def closure_table(result: FitResult, adopted: Adopted | None = None, brief: bool
         times, seconds = significant(tilt_rms(each.held_out) / white), "" if each.seconds is None else f"{each.seconds:.2f}"
         rows[-1] |= {"held out": rows[-1]["tilt"], "par.": str(each.parameters), "÷ floor": times, "seconds": seconds}
     beyond = result.noise.tilt_rms if result.noise is not None else white
-    mended = adopted.floor_rms if adopted else result.physics.problem.floor.tilt_rms if result.physics else white
+    floor = adopted.floor_rms if adopted else result.physics.problem.floor.tilt_rms if result.physics else white
     add("noise floor", "dim", [run.floor_rad for run in result.runs], tilt=white / DEG)
-    for title, tilt in (("… with the noise beyond white", beyond), ("noise floor of the mended log (physics)", mended)):
+    for title, tilt in (("… with the noise beyond white", beyond), ("noise floor of the repaired log (physics)", floor)):
         if not brief and abs(tilt / white - 1) > SAME_FLOOR:
             add(title, "dim", [], tilt=tilt / DEG)
     if brief:
@@ -108,9 +108,9 @@ def closure_table(result: FitResult, adopted: Adopted | None = None, brief: bool
         row.setdefault("held out", row.get("tilt", ""))
     columns = ["", "par.", "fitted", "held out", "÷ floor", "roll", "pitch", "yaw", *["closure runs"] * bool(result.runs), "seconds"]
     folds = min(result.options.folds, len(result.problem.used))
-    said = f"fitted, held out: tilt; held out over {folds} folds; roll, pitch, yaw: held out, about the table's axes"
-    said += "; yaw here: the turns of known angle, each about its own axis" * (result.problem.batch.turns is not None)
-    return Table("Closure, degrees rms", columns, _picked(rows, columns), said, styles=styles, minor=(1, 5, 6, 7, len(columns) - 1))
+    lines = f"fitted, held out: tilt; held out over {folds} folds; roll, pitch, yaw: held out, about the table's axes"
+    lines += "; yaw here: the turns of known angle, each about its own axis" * (result.problem.batch.turns is not None)
+    return Table("Closure, degrees rms", columns, _picked(rows, columns), lines, styles=styles, minor=(1, 5, 6, 7, len(columns) - 1))
 
 
 def _picked(rows: Sequence[Mapping[str, str]], columns: Sequence[str]) -> list[list[str]]:
@@ -156,9 +156,9 @@ def parameters_table(result: FitResult, brief: bool = False) -> Table:
 
 def accelerometer_table(found: AccelerometerFit, title: str) -> Table:
     """Table of scale, nonorthogonality and bias, each with one sigma."""
-    said = [test.description for test in gravity_test(found)]
-    said += [f"in any other session: {found.any_session_words}"] if found.any_session_words else []
-    table = errors_table(title, found.facts, said)
+    lines = [test.description for test in gravity_test(found)]
+    lines += [f"in any other session: {found.any_session_words}"] if found.any_session_words else []
+    table = errors_table(title, found.facts, lines)
     if found.drift is None:
         return table
     drift = drift_json(found.drift)
@@ -168,8 +168,8 @@ def accelerometer_table(found: AccelerometerFit, title: str) -> Table:
 def lengths_page(name: str, found: LengthFit, fit: AccelerometerFit) -> Group:
     """Output of ``fit --accelerometer alone``."""
     before, after = (float(np.std(each)) / MG for each in (found.before, found.after))
-    said = f"{len(found.before)} stills in {found.attitudes} attitudes; gravity's spread {before:.2f} mg before, {after:.2f} mg after"
-    parts: list[Part] = [f"{name}: {said}", accelerometer_table(fit, "Accelerometer errors: value ± one sigma")]
+    lines = f"{len(found.before)} stills in {found.attitudes} attitudes; gravity's spread {before:.2f} mg before, {after:.2f} mg after"
+    parts: list[Part] = [f"{name}: {lines}", accelerometer_table(fit, "Accelerometer errors: value ± one sigma")]
     idle = np.flatnonzero(found.weight < IDLE_WEIGHT)
     if len(idle):
         some = listed([f"{i} ({found.after[i] / MG:+.1f} mg)" for i in idle], 5)
@@ -185,40 +185,40 @@ def lengths_page(name: str, found: LengthFit, fit: AccelerometerFit) -> Group:
 
 def remarks(result: FitResult) -> list[Text]:
     """Remarks, one per line, as far as they apply."""
-    said = [Text(f"First look: {w.where}: {w.what}: {w.description}; {w.do}", "yellow") for w in result.warnings]
+    lines = [Text(f"First look: {w.where}: {w.what}: {w.description}; {w.do}", "yellow") for w in result.warnings]
     if result.nominal_rate is not None:
-        said.append(one_line(f"D{result.nominal_rate.doubt[1:]}.", "yellow"))
-    said += _noise_words(result)
+        lines.append(one_line(f"D{result.nominal_rate.doubt[1:]}.", "yellow"))
+    lines += _noise_words(result)
     if result.session.reference is not None and result.session.reference.words:
-        said.append(one_line(result.session.reference.words))
-    said.append(Text(result.bias_from.words))
+        lines.append(one_line(result.session.reference.words))
+    lines.append(Text(result.bias_from.words))
     if result.prior is not None:
-        said.append(one_line(result.prior.words, "" if result.prior.used == "yes" else "yellow"))
-    said += [Text(_denoiser_words(fit.notes["denoiser"])) for fit in result.methods.values() if "denoiser" in fit.notes]
+        lines.append(one_line(result.prior.words, "" if result.prior.used == "yes" else "yellow"))
+    lines += [Text(_denoiser_words(fit.notes["denoiser"])) for fit in result.methods.values() if "denoiser" in fit.notes]
     if result.physics is not None:
-        said.append(Text(_physics_words(result.physics, bool(contradictions(result.tests))), "cyan"))
+        lines.append(Text(_physics_words(result.physics, bool(contradictions(result.tests))), "cyan"))
         from tinygc.estimation.physics import loss_words
 
         lost = [(run.file, loss_words(samples)) for run, samples in zip(result.runs, result.physics.lost_s, strict=True)]
-        said += [one_line(f"{file}: {words}.", "yellow") for file, words in lost if words]
+        lines += [one_line(f"{file}: {words}.", "yellow") for file, words in lost if words]
     if unobserved := result.linear.unobserved:
         seen = f"Not observed by these movements: {', '.join(unobserved)}; turn about more axes, both ways."
         if result.problem.batch.turns is not None:
             seen += " Whole circles show scale factors alone; rests half way round, or turns to other sides, show misalignments."
-        said.append(Text(seen, "yellow"))
+        lines.append(Text(seen, "yellow"))
     _, strong = correlations(result.linear.linear.vector, result.covariance)
-    said += [Text(f"Correlated above {STRONG:g}: {'; '.join(strong)}")] if strong else []
+    lines += [Text(f"Correlated above {STRONG:g}: {'; '.join(strong)}")] if strong else []
     now, other = (closure_figures(fit.held_out)["tilt_rms_deg"] for fit in (result.linear, result.other_choice))
     words = ("without", "with") if result.options.still_rates else ("with", "without")
     moved = np.abs(result.other_choice.linear.B - result.linear.linear.B) / np.sqrt(np.diag(result.covariance)[BIAS])
-    said.append(
+    lines.append(
         Text(
             f"{words[0].capitalize()} still_rates: held out {other:.4f} instead of {now:.4f}; "
             f"the bias moves by up to {moved.max():.1f} sigma."
         )
     )
-    said.append(Text(f"The paper's first-order integrator would err by up to {result.first_order_rad / DEG:.4f}° on a segment here."))
-    return said
+    lines.append(Text(f"The paper's first-order integrator would be wrong by up to {result.first_order_rad / DEG:.4f}° on a segment here."))
+    return lines
 
 
 #: the independent ones of the field's 18 quantities: scale factors, misalignments, biases
@@ -280,16 +280,14 @@ def _physics_words(physics: PhysicsFit, contradicted: bool) -> str:
 
     claims = enumerate(physics.fit.state.claims)
     fitted = [described(claim.effect, claim.theta, physics.fit.theta_covariance(number)) for number, claim in claims]
-    mended = [f"mended before: {', '.join(physics.repaired)}"] if physics.repaired else []
+    notes = [f"repaired before: {', '.join(physics.repaired)}"] if physics.repaired else []
     if physics.refused and (contradicted or fitted):
         explain = command_line("explain")
-        nameless = f"a mismatch that no effect in the catalogue fits ({explain} says what is known): nothing is added to the linear model"
-        mended.append(f"there is more that has no name: see {explain}" if fitted or mended else nameless)
+        nameless = f"a mismatch that no effect in the catalogue fits ({explain} states what is known): nothing is added to the linear model"
+        notes.append(f"there is more that has no name: see {explain}" if fitted or notes else nameless)
     if physics.model.session_s is not None:
-        mended.append(
-            "that follows the session's time: in closure runs, and for other logs (_at_end), it stands still at the session's end"
-        )
-    return "Physics: " + ("; ".join([*fitted, *mended]) or "nothing is missing; it is the linear model")
+        notes.append("that follows the session's time: in closure runs, and for other logs (_at_end), it stands still at the session's end")
+    return "Physics: " + ("; ".join([*fitted, *notes]) or "nothing is missing; it is the linear model")
 
 
 # The whole output of ``fit --verbose``; nothing is printed here.
@@ -341,10 +339,10 @@ def _headline(result: FitResult) -> Text:
 
 def earth_words(result: FitResult) -> str:
     """Describe how the Earth's rotation was taken into account."""
-    groups, asked = len(result.problem.earths), result.session.config.site.heading_deg
+    groups, given = len(result.problem.earths), result.session.config.site.heading_deg
     words = _heading_words(result)
-    if asked is not None and result.problem.earth.source == "estimated":
-        words += f" (site.heading_deg = {asked:g} contradicts it: did the sensor begin at the table's index?)"
+    if given is not None and result.problem.earth.source == "estimated":
+        words += f" (site.heading_deg = {given:g} contradicts it: did the sensor begin at the table's index?)"
     return words + (f"; the yaw is carried in {groups} pieces, each with a heading of its own" if groups > 1 else "")
 
 

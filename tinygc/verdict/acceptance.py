@@ -9,7 +9,7 @@ if held-out segments close worse with it than with the raw rates, and does not p
 
 A pass needs evidence.  With few segments a fit follows almost anything, so held-out closure must be near its floor on enough segments.  A
 closure far below its floor means that noise or references are not what they are taken for.  An error that is common to all references, or a
-data rate that nobody measured, biases E without any effect on closure.
+data rate that was not measured, biases E without any effect on closure.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ TOO_GOOD_P = 1e-4
 GIVEN = "limit of the closure, as it was given to the program"
 
 
-# What a sensor's data sheet promises for the turns of a session: the limit of their closure where nobody gives one.
+# What a sensor's data sheet promises for the turns of a session: the limit of their closure where none is given.
 #
 #     variance of a turn's tilt, rad^2:   N^2 T  +  2 T^2 C_ii(B)  +  references
 #
@@ -397,7 +397,7 @@ def run_p_values(
     """P-value of each closure run's error: noise, the parameters' uncertainty, the Earth's unknown heading, bias drift since the session.
 
     vector (P,), covariance (P, P) of the calibration, the 12 linear parameters first; errors: roll, pitch, yaw (3,) rad of a run under a
-    trial vector; spread: of the unit between sessions, for a run whose clock began anew, where it is the unit's own; left: the
+    trial vector; spread: of the unit between sessions, for a run whose clock began again, where it is the unit's own; left: the
     errors to test, those of ``vector`` if None.
     """
     found, sigma, session = [], sigmas_in(covariance), problem.session

@@ -16,7 +16,7 @@ from tinygc.inference.decide import Conformity, Fact, share_words
 from tinygc.inference.solve import Source, coverage_factor, effective_freedom, total
 from tinygc.models.linear import NAMES, PARAMETERS, LinearModel
 
-#: var(mean) S / mean^2 of squared tilts: 1 for two normal angles alike; where the stills that neighbours share err alone, their angles
+#: var(mean) S / mean^2 of squared tilts: 1 for two normal angles alike; where shared stills are wrong alone, their angles
 #: correlate by -1/2 and their squares by 1/4, with two neighbours each
 SHARED = 1.5
 
@@ -103,5 +103,5 @@ def attitude_measured(vector: np.ndarray, sources: Sequence[Source], unobserved:
 def conformity(requirements: Requirements, measured: Iterable[Fact]) -> list[Conformity]:
     """Each measured value that has limits, against them, in the order of the values; a value that is an uncertainty itself has no guard
     band, so that simple acceptance decides it."""
-    asked = [(each, Rule() if each.key == ATTITUDE else requirements.rule) for each in measured if each.key in requirements.limits]
-    return [Conformity(each, requirements.limits[each.key], rule, requirements.reference) for each, rule in asked]
+    requested = [(each, Rule() if each.key == ATTITUDE else requirements.rule) for each in measured if each.key in requirements.limits]
+    return [Conformity(each, requirements.limits[each.key], rule, requirements.reference) for each, rule in requested]

@@ -9,11 +9,11 @@ from session.base.options import argument, log_written, option
 from tinygc.cli.arguments import STANDARD, is_standard_output
 from tinygc.cli.options import Command, Force, UsesEffects
 from tinygc.cli.results import print_with_log, write_json
-from tinygc.deploy import Beside
+from tinygc.deploy import LogSession
 
 
 @dataclass(frozen=True)
-class Options(Beside, Command, UsesEffects, Force):
+class Options(LogSession, Command, UsesEffects, Force):
     """Options of ``apply``."""
 
     model: Path = argument("model file, or the folder of a session: the model that its fit recommends")
@@ -37,7 +37,7 @@ def run(args: Options) -> int:
     try:
         with progress_bar(args.quiet) as progress:
             done = apply(args.model, args.log, out, unit=args.unit, session=args.session, progress=progress, **args.further)
-    except BrokenPipeError:  # whoever read the log has enough of it, and nothing else was asked for
+    except BrokenPipeError:  # the reader of the log has enough of it, and nothing else was requested
         return 0
     print_with_log(args, [done.line, *(f"  {note}" for note in done.notes)], to_stdout)
     write_json(args.json, done.to_json())

@@ -230,5 +230,5 @@ def _print_request(args: Recording, folder: Path) -> None:
             complain(str(error))
             continue
         if words and not args.quiet:
-            print(printable(f"explain asks ({place}): {words}"), file=sys.stderr)
+            print(printable(f"explain requests ({place}): {words}"), file=sys.stderr)
             return

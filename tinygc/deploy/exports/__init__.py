@@ -8,7 +8,7 @@ An exporter's file is named below.  It has
 
 ``model`` is the result of ``tinygc.models.load``; ``context`` (``Context``) is what is known about its origin.  An exporter that cannot
 carry the model raises ``ExportError`` with one line: what cannot be carried, and which format can.  It reports partial losses by
-``context.say(line)``.  Files that begin with an underscore are shared by exporters.  To add a format, add a file and its name in
+``context.remark(line)``.  Files that begin with an underscore are shared by exporters.  To add a format, add a file and its name in
 ``FORMATS`` (``tinygc/deploy/__init__.py``).
 """
 

@@ -61,23 +61,23 @@ def zero_of(model: Model, context: Context, name: str, about_c: float | None = N
         zero: Zero = feature.zero(model, context, name, about_c)
         return zero
     part = linear_part(model, name, carries=("temperature",))
-    say_of_scale(context, name, part.E)
+    remark_on_scale(context, name, part.E)
     range_c = None
     if part.k.any():
         warmest = context.temperature_c()
         if warmest is None or not np.isfinite(part.first_c):
-            raise ExportError(f"{name} needs the range of temperatures, which the session's logs do not tell")
+            raise ExportError(f"{name} needs the range of temperatures, which the session's logs do not have")
         range_c = warmest[0] - BEYOND_C, warmest[1] + BEYOND_C
     terms = np.stack([part.bias, part.M @ part.k, np.zeros(3), np.zeros(3)])
     force, lines = _force(context, name)
     return Zero(part, terms, part.first_c, range_c, force=force, lines=lines)
 
 
-def say_of_scale(context: Context, name: str, E: np.ndarray) -> None:
+def remark_on_scale(context: Context, name: str, E: np.ndarray) -> None:
     """Report what is lost of E (3, 3), or of several (n, 3, 3)."""
     full_scale, lost = context.config.sensor.gyro_fs_dps, float(np.abs(E - np.eye(3)).sum(axis=-1).max())
     if lost > 0:  # rest logs alone do not determine E
-        context.say(
+        context.remark(
             f"{name} carries the gyroscope's offsets and temperature terms only, no scale and no misalignment: "
             f"up to {100 * lost:.2f} % of the rate, {lost * full_scale:.2g} dps at {full_scale:g} dps, stays uncorrected"
         )
@@ -90,16 +90,16 @@ def _force(context: Context, name: str) -> tuple[tuple[np.ndarray, np.ndarray] |
     """
     accelerometer = context.accelerometer
     if accelerometer.source == "none":
-        context.say(f"{name}: nobody has calibrated the accelerometer: its parameters are left out")
+        context.remark(f"{name}: the accelerometer is not calibrated: its parameters are left out")
         return None, ()
     scale = np.diag(accelerometer.matrix)
     if not ((scale > SCALES[0]) & (scale < SCALES[1])).all():
         values = ", ".join(f"{value:.3f}" for value in scale)
-        context.say(f"{name}: the accelerometer's matrix turns its axes (diagonal {values}): its parameters are left out")
+        context.remark(f"{name}: the accelerometer's matrix turns its axes (diagonal {values}): its parameters are left out")
         return None, ()
     lost = float(np.abs(accelerometer.matrix - np.diag(scale)).sum(axis=1).max())
     words = f"up to {1e3 * lost:.2g} mrad, {1e3 * lost:.2g} mg at one g"
-    context.say(f"{name} carries an offset and a scale of each of the accelerometer's axes; what leans between them stays: {words}")
+    context.remark(f"{name} carries an offset and a scale of each of the accelerometer's axes; what leans between them stays: {words}")
     return (accelerometer.bias_mps2, scale), (
         f"Accelerometer: {context.accelerometer_words}",
         f"Its nonorthogonality, and a turn of its frame, cannot be carried: {words}.",
@@ -137,11 +137,11 @@ def step_parameters(
         end = "" if each.least <= value <= each.most else f"; {values[each.name]:g} IS WRITTEN, the end of its documented range"
         lines.append(f"{each.name}: {term} / sqrt(dt) = {value:.4g}, {density.source}; default {each.default:g}{end}")
     if "accel" not in found:
-        context.say(f"{name}: the accelerometer's noise is not known: its parameters are left out")
-    context.say(f"{name}: the noise parameters hold at rest, and vibration in flight is not in them; do not fly with them as they are")
+        context.remark(f"{name}: the accelerometer's noise is not known: its parameters are left out")
+    context.remark(f"{name}: the noise parameters hold at rest, and vibration in flight is not in them; do not fly with them as they are")
     return values, (
         "NOISE AT REST.  Vibration in flight is not in it, and the defaults leave room for that: a filter that flies with noise at rest",
-        "trusts its gyroscope too much.  These are lower bounds; multiply them by what the vehicle's own log says.",
+        "trusts its gyroscope too much.  These are lower bounds; multiply them by what the vehicle's own log shows.",
         f"The filter adds (dt p)^2 to a variance at each step, dt = {step_words}:",
         "p = N / sqrt(dt) for the readings, p = K / sqrt(dt) for their biases.",
         *lines,

@@ -49,7 +49,7 @@ SAME_RATE = 0.05
 @dataclass(frozen=True, eq=False)
 class Context:
     """session: its name; method: of the fit; config: ``session.toml``; table: the model file as JSON; fit: ``fit.json`` or empty;
-    hashes: SHA-256 of the model file, session.toml and every log, by file name; say: function that shows a line to the operator;
+    hashes: SHA-256 of the model file, session.toml and every log, by file name; remark: function that shows a line to the operator;
     temperatures: function that gives those of each calibration log, degC, None of a log without; noise: figures of the unit at rest;
     inflation: the one of ``noise`` that the densities are to have; rate_known: whether the data rate of the sensor is, or a guess.  Of
     noise without a model, method is None."""
@@ -60,7 +60,7 @@ class Context:
     table: dict
     fit: dict
     hashes: dict[str, str]
-    say: Reporter = no_report
+    remark: Reporter = no_report
     temperatures: Callable[[], list[np.ndarray | None]] = list
     noise: NoiseFigures | None = None
     inflation: Inflation | None = None
@@ -109,7 +109,7 @@ class Context:
             "given": "as it was given",
             "prior": "the given one, sharpened by the session's stills and turns",
             "stills": "from the session's own stills and turns",
-            "none": "nobody has calibrated it: as measured",
+            "none": "not calibrated: as measured",
         }[self.accelerometer.source]
         if self.accelerometer_any_session is not None:
             spread = self.accelerometer_any_session
@@ -151,12 +151,12 @@ class Context:
 def read_context(
     folder: Path,
     options: ExportOptions,
-    say: Reporter,
+    remark: Reporter,
 ) -> tuple[Model | None, Context]:
     """Return ``(model, Context)`` of a fitted session, of a folder with noise figures alone, or of a file of noise figures; model: None
     where there are only figures.
 
-    Its model is one of the fit's by its method, or a file's; the default is least squares.  Its noise: those beside the model by default.
+    Its model is one of the fit's by its method, or a file's; the default is least squares.  Its noise: those next to the model by default.
     Raises ExportError where there is neither fit nor figures, for figures of another sensor, and for a refused model; FormatError for
     files that cannot be read.
     """
@@ -164,34 +164,36 @@ def read_context(
     if _holds_noise_alone(folder):
         if method is not None or noise is not None:
             raise ExportError(f"{folder} holds noise figures alone: --model and --noise go with a session folder")
-        return None, _context_of_noise(folder, inflation, say)
+        return None, _context_of_noise(folder, inflation, remark)
     config = read_config(folder / "session.toml")
-    beside = folder / "fit" / figures.FILE
-    source = beside if noise is None and beside.exists() else noise
+    home = folder / "fit" / figures.FILE
+    source = home if noise is None and home.exists() else noise
     if source is not None and method is None and not any((folder / "fit").glob("model_*.json")):
         hashes = {"session.toml": sha256_of(folder / "session.toml")}
-        context = Context(printable(folder.resolve().name), None, config, {}, {}, hashes, say)
+        context = Context(printable(folder.resolve().name), None, config, {}, {}, hashes, remark)
         return None, _with_noise(context, source, inflation)
     path = _model_path(folder, method)
     there = {name for name in ("physics", f"physics{AT_END}") if (folder / "fit" / f"model_{name}.json").exists()}
-    _say_of_physics(there if method is None else set(), say)
+    _remark_on_physics(there if method is None else set(), remark)
     model, table = models.load_with_table(path)
     _refuse_session_time(model, path)
     logs = log_paths(folder, "log")
     hashes = {file_key(source): sha256_of(source) for source in [path, folder / "session.toml", *logs, *log_paths(folder, "closure")]}
     name: str = table.get("session") or printable(folder.resolve().name)
     named: str = table.get("method") or path.stem.removeprefix("model_")
-    judged = named.removesuffix(AT_END)
-    fit = _fit_beside(path, judged, f"run `{command_line('fit', folder)}` again")
-    _judge(path.name, fit, judged, say, options.anyway)
-    context = Context(name, named, config, table, fit, hashes, say, lambda: [read_log(log, config.sensor).samples.temp_c for log in logs])
+    tested = named.removesuffix(AT_END)
+    fit = _fit_of(path, tested, f"run `{command_line('fit', folder)}` again")
+    _refuse_worse(path.name, fit, tested, remark, options.anyway)
+    context = Context(
+        name, named, config, table, fit, hashes, remark, lambda: [read_log(log, config.sensor).samples.temp_c for log in logs]
+    )
     return model, _with_noise(context, source, inflation)
 
 
 def context_of_fit(
     result: FitResult,
     options: ExportOptions,
-    say: Reporter,
+    remark: Reporter,
 ) -> tuple[Model, Context]:
     """Return the same of a fit that need not lie in a folder; model: one of its own, least squares by default; noise: none by default.
 
@@ -201,17 +203,17 @@ def context_of_fit(
     name = options.model or PREFERRED
     if name not in tables:
         raise ExportError(f"{name} was not fitted; the fit has {', '.join(tables)}")
-    _say_of_physics(set(tables) if options.model is None else set(), say, 'model="{}"')
+    _remark_on_physics(set(tables) if options.model is None else set(), remark, 'model="{}"')
     path = Path(f"model_{name}.json")
     model = models.from_dict(tables[name], path.name)
     _refuse_session_time(model, path, 'model="{}"')
     fit = read_json_text(json_text(to_json(result)), "fit.json")  # as the file has it: null for what is no number
-    _judge(path.name, fit, name.removesuffix(AT_END), say, options.anyway, "anyway=True")
+    _refuse_worse(path.name, fit, name.removesuffix(AT_END), remark, options.anyway, "anyway=True")
     session = result.session
     text = json_text(tables[name]) + "\n"  # as ``save_models`` writes it
     hashes = {path.name: hashlib.sha256(text.encode()).hexdigest(), **input_hashes(session)}
     temperatures = [log.samples.temp_c for log in session.logs]
-    context = Context(session.name, name, session.config, tables[name], fit, hashes, say, lambda: temperatures)
+    context = Context(session.name, name, session.config, tables[name], fit, hashes, remark, lambda: temperatures)
     return model, _with_noise(context, options.noise, options.inflation)
 
 
@@ -236,13 +238,13 @@ def _noise_file(source: Path) -> Path | None:
     return next((path for path in (source / "fit" / figures.FILE, source / figures.FILE) if path.exists()), None)
 
 
-def _context_of_noise(source: Path, inflation: str | None, say: Reporter) -> Context:
+def _context_of_noise(source: Path, inflation: str | None, remark: Reporter) -> Context:
     """Context of noise figures without a session: sensor, serial and data rate are those of the file."""
     path = _noise_file(source) or source
     found = figures.read_figures(path)
     sensor = Sensor(found.sensor, found.serial, found.rate_hz, float("nan"), float("nan"))
     config = Config(sensor, Accelerometer(source="none"), Site(), Protocol())
-    context = Context(printable(path.resolve().name), None, config, {}, {}, {}, say, rate_known=found.rate_known)
+    context = Context(printable(path.resolve().name), None, config, {}, {}, {}, remark, rate_known=found.rate_known)
     return _with_noise(context, path, inflation)
 
 
@@ -265,7 +267,9 @@ def _with_noise(context: Context, source: NoiseSource, inflation: str | None) ->
         if theirs.strip() and ours.strip() and theirs.strip().casefold() != ours.strip().casefold():
             raise ExportError(f"{where}: noise of {what} {theirs}, but the session's is {ours}; give that of this unit with --noise")
     if found.rate_known and abs(found.rate_hz - sensor.odr_hz) > SAME_RATE * sensor.odr_hz:
-        context.say(f"the noise was recorded at {found.rate_hz:.4g} Hz, the session at {sensor.odr_hz:.4g} Hz: another filter may shape it")
+        context.remark(
+            f"the noise was recorded at {found.rate_hz:.4g} Hz, the session at {sensor.odr_hz:.4g} Hz: another filter may shape it"
+        )
     motions = {each.motion: each for each in found.inflations}
     begun = [motion for motion in motions if inflation and motion.startswith(inflation)]
     if len(begun) == 1:  # its first words are enough
@@ -284,29 +288,29 @@ def _with_noise(context: Context, source: NoiseSource, inflation: str | None) ->
 # A model that may leave.
 
 
-def _say_of_physics(there: set[str], say: Reporter, option: str = "--model {}") -> None:
-    """Say which model with physics the fit has, where nobody has asked for a model; there: names of its models; option: that takes one."""
+def _remark_on_physics(there: set[str], remark: Reporter, option: str = "--model {}") -> None:
+    """Remark which model with physics the fit has, where no model was requested; there: names of its models; option: that takes one."""
     if "physics" in there:
         ended = AT_END if f"physics{AT_END}" in there else ""
-        say(f"least squares is exported; the fit holds physics as well: {option.format(f'physics{ended}')}")
+        remark(f"least squares is exported; the fit holds physics as well: {option.format(f'physics{ended}')}")
 
 
 def _refuse_session_time(model: Model, path: Path, option: str = "--model {}") -> None:
     if bygone := effects_of_session_time(model):
         raise ExportError(
-            f"{path.name} undoes {', '.join(bygone)}, which follows the time of its own session and holds nowhere else; "
-            f"give {option.format(path.stem.removeprefix('model_') + AT_END)}, which fit saves beside it"
+            f"{path.name} corrects {', '.join(bygone)}, which follows the time of its own session and holds nowhere else; "
+            f"give {option.format(path.stem.removeprefix('model_') + AT_END)}, which fit saves next to it"
         )
 
 
-def _judge(name: str, fit: dict, judged: str, say: Reporter, anyway: bool, option: str = "--anyway") -> None:
-    """Raise ExportError for a model that closes held-out segments worse than raw rates, or say so; fit: its figures; option: to insist."""
-    if worse := worse_in_table(fit, judged):
+def _refuse_worse(name: str, fit: dict, tested: str, remark: Reporter, anyway: bool, option: str = "--anyway") -> None:
+    """Raise ExportError for a model that closes held-out segments worse than raw rates, or remark it; option: to force it."""
+    if worse := worse_in_table(fit, tested):
         by = "by no number that fit.json knows" if isinf(worse[0]) else f"with {worse[0]:.4g} deg"
         words = f"{name} closes held-out segments {by}, worse than the raw rates with {worse[1]:.4g} deg"
         if not anyway:
             raise ExportError(f"{words}: a device is better off without it; record more turns, or insist with {option}")
-        say(f"{words}; exported because of {option}")
+        remark(f"{words}; exported because of {option}")
 
 
 def _model_path(folder: Path, method: str | None) -> Path:
@@ -321,8 +325,8 @@ def _model_path(folder: Path, method: str | None) -> Path:
     return there[wanted]
 
 
-def _fit_beside(path: Path, method: str, again: str) -> dict:
+def _fit_of(path: Path, method: str, again: str) -> dict:
     """Return the fit of a model: ``rebiased.json`` for one with a re-estimated bias, else ``fit.json``; empty where missing."""
     names = (bias_of_day.FIGURES, "fit.json") if path.name == bias_of_day.MODEL else ("fit.json",)
-    beside = next((path.parent / name for name in names if (path.parent / name).exists()), None)
-    return {} if beside is None else read_evaluated(beside, again, method, rebiased=beside.name == bias_of_day.FIGURES)
+    home = next((path.parent / name for name in names if (path.parent / name).exists()), None)
+    return {} if home is None else read_evaluated(home, again, method, rebiased=home.name == bias_of_day.FIGURES)

@@ -109,7 +109,7 @@ def densities(
     that is needed has none.
     """
     for line in _left_out(context):
-        context.say(f"{name}: {line}")
+        context.remark(f"{name}: {line}")
     found = {}
     measured = {} if context.noise is None else context.noise.sensors()
     for kind in SENSORS:
@@ -126,7 +126,7 @@ def densities(
         elif kind in needed and white is None:
             raise ExportError(
                 f"{name} needs the noise of the {SENSORS[kind]}: measure it on a log at rest, or "
-                f"`{command_line('fit')}`, whose fit.json beside the model holds that of the stills"
+                f"`{command_line('fit')}`, whose fit.json next to the model holds that of the stills"
             )
         elif kind in needed:
             raise ExportError(
@@ -136,7 +136,7 @@ def densities(
     if context.inflation is not None:
         found["gyro"] = _inflated(found["gyro"], context.inflation)
     for line in _doubts(context, found, of_rate):
-        context.say(f"{name}: {line}")
+        context.remark(f"{name}: {line}")
     return found
 
 
@@ -164,7 +164,7 @@ def _inflated(plain: Densities, motion: Inflation) -> Densities:
     if motion.walk_density is None or not walk.known:
         return Densities(white, walk.times(np.maximum(motion.walk, 1.0)))
     own = motion.walk_density > np.nan_to_num(walk.values)
-    # Beside limits alone it outweighs none of them as what a log shows would.
+    # Next to limits alone it outweighs none of them as what a log shows would.
     named = INFLATED if walk.source in SHOWN else IN_MOTION_ALONE
     sources = tuple(named if is_own else source for is_own, source in zip(own, walk.sources, strict=True))
     return Densities(white, Density(np.where(own, motion.walk_density, walk.values), np.where(own, np.nan, walk.sigmas), sources))
@@ -250,7 +250,7 @@ def noise_remarks(context: Context, found: Mapping[str, Densities]) -> tuple[str
             f"{WALK_S:g} s.  The time is a choice: K goes as 1 / sqrt of it."
         )
     if LIMIT in sources:
-        lines.append("An upper limit is what the log does not exclude.  The true value may be zero: a longer log at rest says more.")
+        lines.append("An upper limit is what the log does not exclude.  The true value may be zero: a longer log at rest shows more.")
     if GUESSED in sources:
         lines.append("What is guessed has no log behind it: replace it by a log at rest.")
     lines += [*_left_out(context), *described_from(figures)]
@@ -265,12 +265,12 @@ def noise_remarks(context: Context, found: Mapping[str, Densities]) -> tuple[str
 def _remarks_of_stills(context: Context, found: Mapping[str, Densities]) -> tuple[str, ...]:
     gyro, accel = (found[kind].white.values for kind in SENSORS)
     instability, source = context.gyro_instability or (np.nan, "")
-    said = f" (the gyroscope's: {source})" if not source.startswith("typical") else ""
+    text = f" (the gyroscope's: {source})" if not source.startswith("typical") else ""
     return (
         "Densities are sigma_continuous = sigma_sample * sqrt(dt), measured in the stills; the worst axis is given:",
         f"gyroscope {words(gyro)}, accelerometer {words(accel)} (x, y, z).",
         f"Random walks are NOT MEASURED: they have the Allan deviation at {WALK_S:g} s of bias instabilities of "
-        f"{instability / DEG_PER_HOUR:.4g} deg/h and {ACCEL_INSTABILITY_MPS2:g} m/s^2{said}.  Replace them by an hour's recording:",
+        f"{instability / DEG_PER_HOUR:.4g} deg/h and {ACCEL_INSTABILITY_MPS2:g} m/s^2{text}.  Replace them by an hour's recording:",
         "They are measured at rest.  Vibration, temperature and scale error are in none of these: users inflate them 5 to 10 times.",
     )
 

@@ -55,7 +55,7 @@ def export(model: Model, context: Context) -> dict[str, str]:
         "T and CALTEMP held within INS_TCAL1_TMIN to TMAX.",
         *(("corrected = (measured - INS_ACCOFFS_*) INS_ACCSCAL_*, m/s^2",) if zero.force else ()),
         *((accel,) if zero.accel is not None else ()),
-        "rad/s, degC, in the axes of the first IMU as ArduPilot's driver turns them.  It calibrates the gyro's offset anew at each boot",
+        "rad/s, degC, in the axes of the first IMU as ArduPilot's driver turns them.  It calibrates the gyro's offset again at each boot",
         "unless INS_GYR_CAL is 0.",
         longest=LONGEST,
     )

@@ -28,8 +28,8 @@ def export(model: Model, context: Context) -> dict[str, str]:
     if context.accelerometer_unobserved:
         facts["unseen"] = f"of the accelerometer, not observed: {', '.join(context.accelerometer_unobserved)}"
     if context.effects_of_force:
-        facts["lacks"] = f"of the accelerometer, not in this format: {', '.join(context.effects_of_force)}"
+        facts["missing"] = f"of the accelerometer, not in this format: {', '.join(context.effects_of_force)}"
     registers = Registers.of(context.config, context.accelerometer)
     if registers is None:
-        context.say(f"no tinygc_from_registers: what the registers of {sensor.model} mean, or its full scale, is not known")
+        context.remark(f"no tinygc_from_registers: what the registers of {sensor.model} mean, or its full scale, is not known")
     return source_files(chosen, registers, f"A gyroscope's calibration, by TinyGC {VERSION}.", facts, context.accelerometer)

@@ -55,7 +55,7 @@ def preintegration_params(n_gravity, path=Path(__file__).with_name("gtsam_imu.js
 
 def export(model: Model, context: Context) -> dict[str, str]:
     """Export the noise; of the model nothing, since GTSAM has no intrinsics."""
-    context.say("gtsam has no intrinsics: calibrate the readings before they are preintegrated (`calibrate apply`, or --to c)")
+    context.remark("gtsam has no intrinsics: calibrate the readings before they are preintegrated (`calibrate apply`, or --to c)")
     return export_noise(context)
 
 

@@ -48,7 +48,7 @@ def _intrinsics(part: LinearPart, context: Context) -> str:
     text = remarks(
         context,
         "a_meas = M a_i + b, a_i = R a        R: the rotation of T_i_b, from the log's body frame b to Kalibr's i, in which M is lower",
-        "triangular; a: the specific force in b, m/s^2.  b is below, beside Kalibr's own keys, for the gyroscope and the accelerometer.",
+        "triangular; a: the specific force in b, m/s^2.  b is below, next to Kalibr's own keys, for the gyroscope and the accelerometer.",
         f"Accelerometer: {context.accelerometer_words}",
         "w_meas = M C_gyro_i w_i + A C_gyro_i a_i + b        forward: w_i = R w, w the true rate in b, rad/s",
         "w_i = C_gyro_i^T M^-1 (w_meas - b) - C_gyro_i^T M^-1 A C_gyro_i a_i, w = R^T w_i        what to compute",

@@ -1,6 +1,6 @@
 """ROS 2: a parameter file with the calibration and sensor_msgs/Imu covariances, noise separate from calibration covariance.
 
-ROS has no common format for a calibrated IMU: the file is for a node of one's own, and says so."""
+ROS has no common format for a calibrated IMU: the file is for a node of one's own, and states it."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def export(model: Model, context: Context) -> dict[str, str]:
         *_of_covariances(context, found),
         "calibration_covariance is apart, since it does not average out: 12 x 12, of " + ", ".join(NAMES) + " (E: 1, B: rad/s);",
         "the rate's own is J P J^T with J = [kron(I, m^T), I].  Without it the method has none.",
-        "It holds for the session that was fitted: nothing tells how the bias differs from session to session."
+        "It holds for the session that was fitted: how the bias differs from session to session is not known."
         if context.any_session_covariance is None
         else "It holds for any session: the spread of the bias between sessions is in it.",
         part.example(),
@@ -47,7 +47,7 @@ def export(model: Model, context: Context) -> dict[str, str]:
         "accelerometer.bias": accelerometer.bias_mps2,
     } | _covariances(context, found, part.E, accelerometer.matrix)
     if context.covariance is None:
-        context.say(f"ros: method {context.method} has no covariance: calibration_covariance is left out")
+        context.remark(f"ros: method {context.method} has no covariance: calibration_covariance is left out")
     else:
         other = context.any_session_covariance
         values["calibration_covariance"] = (context.covariance if other is None else other).ravel()

@@ -5,7 +5,7 @@ their noises as independent, and gives the bias dt times its own:
 
     variance of the angle  += 2 (dt / 2)^2 gyr_n^2,    variance of the bias  += dt^2 gyr_w^2;    acc_n, acc_w likewise.
 
-N^2 dt and K^2 dt are meant, so gyr_n = N sqrt(2 / dt) and gyr_w = K / sqrt(dt).  The sqrt(2) undoes what the mean of two samples halves:
+N^2 dt and K^2 dt are meant, so gyr_n = N sqrt(2 / dt) and gyr_w = K / sqrt(dt).  The sqrt(2) restores what the mean of two samples halves:
 each sample is in two steps, and the sum of the steps has all its noise.
 """
 
@@ -25,7 +25,7 @@ UNITS = {"acc_n": "m/s^2", "acc_w": "m/s^3", "gyr_n": "rad/s", "gyr_w": "rad/s^2
 
 def export(model: Model, context: Context) -> dict[str, str]:
     """Export the noise; of the model nothing, since VINS has no intrinsics."""
-    context.say("vins has no intrinsics: calibrate the readings before VINS reads them (`calibrate apply`, or --to c)")
+    context.remark("vins has no intrinsics: calibrate the readings before VINS reads them (`calibrate apply`, or --to c)")
     return export_noise(context)
 
 

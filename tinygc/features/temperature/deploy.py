@@ -9,7 +9,7 @@ from numpy.polynomial import Polynomial
 
 from session.base.units import DEG
 from tinygc.deploy import ExportError
-from tinygc.deploy.exports._autopilots import Zero, say_of_scale
+from tinygc.deploy.exports._autopilots import Zero, remark_on_scale
 from tinygc.deploy.exports._context import Context
 from tinygc.deploy.exports._text import LinearPart
 from tinygc.effects import Cost
@@ -176,14 +176,14 @@ def zero(model: ThermalModel, context: Context, name: str, about_c: float | None
     reference, linear = model.reference_c, model.at(model.reference_c)
     about_c = reference if about_c is None else about_c
     terms, lost_rps = cubic_about(model.zero_terms, reference, model.range_c, about_c)
-    say_of_scale(context, name, model.E(np.array(model.range_c)))
+    remark_on_scale(context, name, model.E(np.array(model.range_c)))
     if lost_rps > 0:
-        context.say(f"{name} has no power beyond the third: the nearest cubic is off by up to {lost_rps / DEG:.2g} dps")
+        context.remark(f"{name} has no power beyond the third: the nearest cubic is off by up to {lost_rps / DEG:.2g} dps")
     slope = np.abs(model.zero_terms[1]) if len(model.zero_terms) > 1 else np.zeros(3)
     behind = float(np.max(np.abs(model.lag_s) * slope)) / 60 / DEG
     if behind > WORTH_DPS:
         lags = ", ".join(f"{lag:.0f}" for lag in model.lag_s)
-        context.say(
+        context.remark(
             f"{name} has no lag ({lags} s): while the temperature changes by 1 °C a minute the zero is off by up to {behind:.2g} dps"
         )
     part = LinearPart(linear.E, linear.B, np.zeros((3, 3)), np.zeros(3), reference)

@@ -274,7 +274,7 @@ def verify_session(
             "was fitted to; give a recording of that one, or --other-serial if it is the same sensor after all"
         )
     settings += [apart] if (apart := clocks_apart(old, session)) else []
-    notes = old.lacks
+    notes = old.missing_words
     rows = rows_of(session, old, options.earth, progress)
     if rows.remark:
         settings.append(rows.remark)

@@ -7,7 +7,7 @@ import importlib.util
 import pytest
 
 #: the virtual board stands at the other end of a pseudo-terminal; the commands of pages are those of a POSIX shell
-POSIX_ONLY = {f"test_{name}.py" for name in ("board", "firmware", "page_physics", "record", "recording_physics", "screens")}
+POSIX_ONLY = {f"test_{name}.py" for name in ("board", "firmware", "page_outputs", "page_physics", "record", "recording_physics", "screens")}
 
 
 class _NotHere(pytest.Module):

@@ -29,7 +29,7 @@ from tinygc.models.linear import BIAS, PARAMETERS, LinearModel
 from tinygc.planning.proposals import TARGETS
 from tinygc.simulation.sensor import TEMPERATURE_SETTLES_S, Flicker
 
-PER_C_RPS, LATITUDE = 5 * MDPS, 31.03 * DEG
+PER_C_RPS, LATITUDE, ODR_HZ = 5 * MDPS, 31.03 * DEG, 211.3
 EARTH = EARTH_RATE_RPS * np.array([np.cos(LATITUDE), 0.0, np.sin(LATITUDE)])
 WAITS_S = (0.0, 600.0)
 
@@ -43,7 +43,7 @@ class WarmingHand(CoachedHand):
         self.E = np.eye(3) + rng.normal(size=(3, 3)) * np.where(np.eye(3, dtype=bool), 0.01, 0.005)
         self._warm_c, self._waited_s = warm_c, waited_s
         self._flicker, self._truth = Flicker(3 * DEG_PER_HOUR, 3600.0, rng), list[np.ndarray]()
-        super().__init__(seed=seed)
+        super().__init__(seed=seed, odr_hz=ODR_HZ)
         self.guide.stop_at_target = True
 
     def measured(self, rate: np.ndarray, attitudes: Rotation, t_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -62,13 +62,15 @@ class WarmingHand(CoachedHand):
 
 
 def one_session(job: tuple[int, float, float]) -> np.ndarray:
-    """Turns, seconds, then (12,) errors, sigmas stated by the fit, sigmas of the coach, in units of the targets."""
+    """Turns, seconds, whether the verdict is a pass, then (12,) errors, sigmas of the fit, sigmas of the coach, in units of the targets."""
     hand = WarmingHand(*job)
     guide = hand.until(lambda guide: guide.stage is Stage.DONE)
     result = fit_session(session_of(joined(hand.received), raw=False), FitOptions(methods=("least_squares",)))
     errors = (result.methods["least_squares"].linear.vector - hand.truth) / TARGETS
     stated = np.sqrt(np.diag(result.covariance)) / TARGETS
-    return np.concatenate([[guide.accepted, guide.now_s], errors, stated, [sigma for _, sigma in guide.advice.sigmas]])
+    return np.concatenate(
+        [[guide.accepted, guide.now_s, result.verdict().answer == "pass"], errors, stated, [sigma for _, sigma in guide.advice.sigmas]]
+    )
 
 
 def main() -> None:
@@ -80,17 +82,18 @@ def main() -> None:
     found = np.array(in_parallel(one_session, jobs, "session")).reshape(len(WAITS_S), args.seeds, -1)
     rows = []
     for waited_s, each in zip(WAITS_S, found, strict=True):
-        errors, stated, planned = each[:, 2:].reshape(args.seeds, 3, PARAMETERS).swapaxes(0, 1)
+        errors, stated, planned = each[:, 3:].reshape(args.seeds, 3, PARAMETERS).swapaxes(0, 1)
         for name, which in (("E", slice(0, BIAS.start)), ("B", BIAS)):
             error, sigma = errors[:, which], stated[:, which]
             rows.append((
                 f"{waited_s / 60:g} min", f"{np.median(each[:, 0]):.0f} ({each[:, 0].max():.0f})",
-                f"{np.median(each[:, 1]):.0f} s ({each[:, 1].max():.0f} s)", name, f"{np.sqrt(np.mean(error**2)):.2f}",
+                f"{np.median(each[:, 1]):.0f} s ({each[:, 1].max():.0f} s)", f"{each[:, 2].sum():.0f} of {args.seeds}", name,
+                f"{np.sqrt(np.mean(error**2)):.2f}",
                 f"{np.sqrt(np.mean((error / planned[:, which]) ** 2)):.2f}", f"{np.median(sigma):.2f}",
                 f"{100 * np.mean(np.abs(error) < sigma):.0f} %, {100 * np.mean(np.abs(error) < 2 * sigma):.0f} %",
             ))  # fmt: skip
-    head = ("waited", "turns (most)", "takes (most)", "of", "error, targets rms", "error, coach's sigmas rms", "sigma of fit, targets",
-            "within 1, 2 sigmas")  # fmt: skip
+    head = ("waited", "turns (most)", "takes (most)", "pass", "of", "error, targets rms", "error, coach's sigmas rms",
+            "sigma of fit, targets", "within 1, 2 sigmas")  # fmt: skip
     print(markdown(head, rows))
 
 

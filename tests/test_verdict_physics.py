@@ -28,7 +28,7 @@ from tinygc.estimation.choice import (
 )
 from tinygc.estimation.spread import ZERO, Spread
 from tinygc.estimation.stated_noise import require_plausible
-from tinygc.estimation.systematic import MOST_WEIGHED, Systematic, _beside, _promises, systematic_of
+from tinygc.estimation.systematic import MOST_WEIGHED, Systematic, _left_of, _promises, systematic_of
 from tinygc.inference.noise import wander_covariance
 from tinygc.models.linear import LinearModel
 from tinygc.verdict.acceptance import GIVEN, CandidateFit, Promise, decide, promise_of, run_p_values, too_good, too_wide
@@ -284,7 +284,7 @@ def test_the_largest_movement_by_one_effect_is_stated():
 
 def test_it_is_the_second_moment_of_the_joint_normal_distribution():
     """Calibration and effect estimated together, theta's part taken out; a scanned shape is the mean weighed by the residuals' density."""
-    a, step = effect("a", 2, plausible=0.7), stepped("step", np.array([1.0, 2.0, 3.0]))
+    a, step = replace(effect("a", 2, plausible=0.7), inputs=("time",)), stepped("step", np.array([1.0, 2.0, 3.0]))
     variants = [step.at(at) for at in (1.0, 2.0, 3.0)]
     twin = linear_twin(seed=6)
     twin.spoil(a, [0.5, -0.3])
@@ -315,11 +315,19 @@ def test_it_is_the_second_moment_of_the_joint_normal_distribution():
     expected = np.average(squares, axis=0, weights=np.exp(np.array(log_p) - max(log_p)))
     assert_allclose(found.by_effect["test.step"], expected, rtol=1e-6)
     assert_allclose(found.tilts, twin.linear_columns(None).closure[:, :2])
+    moved, sigma = np.sqrt(np.diag(moments(a)[0]))[:9], np.sqrt(1.7 * np.diag(response @ covariance @ response.T))[:9]
+    for least in (0.999, 1.001):  # of the zero alone: no number of E is moved by more of its sigmas
+        with (
+            patch.object(systematic, "candidates", lambda twin: [a, *variants]),
+            patch.object(systematic, "stated_response", lambda problem, model, still_rates: response),
+            patch.object(systematic, "HARMLESS", least * (moved / sigma).max()),
+        ):
+            assert systematic_of(None, None, noise, 1.7, False).of_zero == ({"test.a"} if least > 1 else set())
     # By linear columns what each promises; with the noise estimated again half of the gain, whatever was promised, less the logarithms of
     # ten scales and of three shapes, and a half for each number.
     factor = np.linalg.cholesky(1.7 * covariance)
     white = np.linalg.solve(factor, np.column_stack([twin.columns_of(each) for each in (a, *variants)] + [twin.recorded]))
-    promised = _promises([a, *variants], np.array([0, 2, 3, 4, 5]), *_beside(np.linalg.solve(factor, J), white))
+    promised = _promises([a, *variants], np.array([0, 2, 3, 4, 5]), *_left_of(np.linalg.solve(factor, J), white))
     assert by_columns.log_odds == pytest.approx({name: promise / 2 for name, (promise, _) in promised.items()})
     of = {each.id: each.parameter.plausible * twin.columns_of(each)[0, 0] / 2 for each in (a, variants[1])}
     expected = {"test.a": of["test.a"] - 30.0 - np.log(10.0), "test.step": of["test.step"] - 30.0 - np.log(30.0)}
@@ -347,7 +355,7 @@ def test_the_likeliest_effects_gain_most_less_what_their_scale_shapes_and_number
         cost = 2 * np.log(10.0) + 2 * np.log(1 + (number > 3)) + size
         found = gain - size * np.log(max(gain / size, 1.0)) - cost
         promise[each.id] = max(promise.get(each.id, (-np.inf, 0)), (found, number))
-    found = _promises(effects, edges, *_beside(J, white))
+    found = _promises(effects, edges, *_left_of(J, white))
     assert {name: number for name, (_, number) in found.items()} == {name: number for name, (_, number) in promise.items()}
     assert [found[name][0] for name in promise] == pytest.approx([each for each, _ in promise.values()])
     assert MOST_WEIGHED == 3
@@ -405,6 +413,17 @@ def test_effects_that_are_not_told_apart_count_together():
     fewer = odds(np.log(16), step=np.log(10), warmth=np.log(3.9))
     assert (fewer.suspected, model_tests(FINE, {}, None, fewer, None)[1].leaves_open) == ([], False)
     assert odds(-0.5).log_odds_of_any == -0.5
+
+
+def test_a_drift_of_the_zero_that_the_noise_has_taken_up_contradicts_nothing():
+    """Odds of 3000 to one, and of 200 to one for an effect that may move scale and axes: a sixteenth of all."""
+    among = replace(odds(np.log(3000), step=np.log(200)), of_zero=frozenset({"gyro.bias_drift"}))
+    alone = replace(odds(np.log(3000)), of_zero=frozenset({"gyro.bias_drift"}))
+    found = [model_tests(FINE, {}, None, each, None)[1] for each in (among, alone)]
+    none = [30 / 3230, 30 / 3030]
+    assert [each.p_value for each in found] == pytest.approx([none[0] + (1 - none[0]) * 3000 / 3200, 1.0])
+    assert not any(each.contradicts or each.leaves_open for each in found)
+    assert found[1].description.startswith("the zero drifts (gyro.bias_drift); no effect on scale or axes is probable")
 
 
 @pytest.mark.parametrize(

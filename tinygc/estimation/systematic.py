@@ -24,27 +24,32 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from session.base.numeric import sigmas_in
 from tinygc.closure.problem import Problem
 from tinygc.effects import Effect
 from tinygc.estimation.stated_noise import StatedNoise, stated_response
 from tinygc.inference.choose import AS_PROBABLE, SUSPECTED, penalty, promised
 from tinygc.inference.solve import solve_lower
-from tinygc.models.linear import NAMES, LinearModel
+from tinygc.models.linear import MATRIX, NAMES, LinearModel
 from tinygc.noise.refit import calibration_columns, candidates, prior_sigmas
 
 #: effects of either ranking that are weighed with the noise estimated again
 MOST_WEIGHED = 3
+#: sigmas by which an effect of the zero alone may move a number of E: it adds 12 % to the sigma
+HARMLESS = 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class Systematic:
     """Movements of the 12 parameters (1, rad/s) by one effect that the recording still allows: by_effect: id -> (12, 12) mean of their
     squares and products.  tilts (S, 2, 12): derivative of the segments' tilt by the parameters.  log_odds: id -> natural logarithm of the
-    odds that the recording gives the effect, alone, against none."""
+    odds that the recording gives the effect, alone, against none.  of_zero: ids of those that move the zero alone, and no number of E by
+    more than ``HARMLESS`` of its sigmas: the fit's own drift of the bias has taken them up."""
 
     by_effect: dict[str, np.ndarray]
     tilts: np.ndarray
     log_odds: dict[str, float] = field(default_factory=dict)
+    of_zero: frozenset[str] = frozenset()
 
     def of(self, slope: np.ndarray) -> np.ndarray:
         """(Q,) the largest movement, by one effect, of quantities with this derivative (Q, 12) by the parameters."""
@@ -87,6 +92,12 @@ class Systematic:
         return float(np.logaddexp.reduce(odds))
 
     @property
+    def share_of_zero(self) -> float:
+        """Share of the odds of any of the likeliest effects that those of the zero alone have."""
+        odds = [self.log_odds[name] for name in self.likeliest if name in self.of_zero]
+        return float(np.exp(np.logaddexp.reduce(odds) - self.log_odds_of_any)) if odds else 0.0
+
+    @property
     def suspected(self) -> list[str]:
         """The likeliest effects, where one of them is probably missing from the model.  ``explain`` compares them properly."""
         return self.likeliest if self.log_odds_of_any > SUSPECTED else []
@@ -106,7 +117,8 @@ def systematic_of(problem: Problem, model: LinearModel, noise: StatedNoise, wide
     stacked = np.concatenate(columns, axis=1)
     rows = np.column_stack([stacked, twin.residuals(start, rates).stacked()])
     white, left = _left_of(solve_lower(factor, linear), solve_lower(factor, rows))
-    moves = stated_response(problem, model, still_rates) @ stacked
+    response = stated_response(problem, model, still_rates)
+    moves, sigma = response @ stacked, sigmas_in(response @ (widened * noise.covariance) @ response.T)[MATRIX]
     found: dict[str, list[tuple[float, np.ndarray]]] = {}
     for effect, begin, end in zip(effects, edges[:-1], edges[1:], strict=True):
         own = slice(begin, end)
@@ -129,7 +141,10 @@ def systematic_of(problem: Problem, model: LinearModel, noise: StatedNoise, wide
         odds = (gain - penalty(columns[number].shape[1], len(found[effect.id]))) / 2
         again[effect.id] = max(odds, again.get(effect.id, -np.inf))  # the better of two shapes
     log_odds |= again
-    return Systematic({name: _mean_by_evidence(values) for name, values in found.items()}, tilts, log_odds)
+    by_effect = {name: _mean_by_evidence(values) for name, values in found.items()}
+    drifts = {effect.id for effect in effects if effect.kind == "rate" and effect.inputs and set(effect.inputs) <= {"time", "temperature"}}
+    of_zero = frozenset(name for name in drifts if (sigmas_in(by_effect[name])[MATRIX] <= HARMLESS * sigma).all())
+    return Systematic(by_effect, tilts, log_odds, of_zero)
 
 
 def _left_of(J: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

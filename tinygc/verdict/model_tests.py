@@ -66,8 +66,11 @@ def model_tests(
         differs = more if p < MISMATCH_P else "the noise may be that of such a sensor"
         found.append(ModelTest(NOISE, p, MISMATCH_P, f"{differs}{beyond and f', {beyond}'} ({probability(p)})"))
     if allowed is not None:
-        p, named = none_missing(allowed.log_odds_of_any), " or ".join(allowed.suspected)
+        none, named = none_missing(allowed.log_odds_of_any), " or ".join(allowed.suspected)
+        p = none + (1 - none) * allowed.share_of_zero  # a drift of the zero is part of the fit's noise, and moves neither scale nor axes
         missing = f"an effect is probably missing: {named}" if named else "no effect of the catalogue is probable"
+        if named and p >= none_missing(SUSPECTED):
+            missing = f"the zero drifts ({named}); no effect on scale or axes is probable"
         chance = "above 0.99" if p > 0.99 else "below 0.001" if p < LEAST_P else significant(p, 2)
         found.append(ModelTest(EFFECT, p, none_missing(SURE), f"{missing} (probability of none {chance})"))
     return (*found, *([] if accelerometer is None else gravity_test(accelerometer)))

@@ -152,11 +152,11 @@ CLOCKS = [
     (("time", ticks(1e-3)), {}, (0, "ms", "by the sensors' rates")),
     (("time", SLOW + 1_700_000_000_000), {}, (0, "ms", "by its date")),
     (("time", SLOW), {"before": ["rate: 9.5 Hz"]}, (0, "ms", "as 9.5 Hz stand before its rows")),
-    (("foo", ticks(1e-4)), {"stated": "100us"}, (0, "100us", "as you say")),
+    (("foo", ticks(1e-4)), {"stated": "100us"}, (0, "100us", "as given")),
     (("seq,ms", np.arange(300), ticks(1e-3)), {}, (1, "ms", "by its name")),
     (("sec,ms", ticks(1e-3) // 1000, ticks(1e-3)), {}, (1, "ms", "by its name")),  # no fraction: beyond a second
     (("gps sec,imu nsec", ticks(1e-9) // 10**9, ticks(1e-9) % 10**9), {}, (0, "s", "by its name")),
-    (("time,ms", ticks(1e-4), ticks(1e-3)), {"stated": "us"}, (1, "us", "as you say")),
+    (("time,ms", ticks(1e-4), ticks(1e-3)), {"stated": "us"}, (1, "us", "as given")),
     *((("dt_s", apart), {}, (0, "s", "by its name")) for apart in ([0, 1, 0], [0, 0, 1])),
     (("sec,nsec", ticks(1e-9) // 10**9 + 1_700_000_000, ticks(1e-9) % 10**9), {}, (0, "s", "by its name", 1, 1)),
     (("sec,ms", [5] * 300, ticks(1e-3) % 1000), {}, None),  # which fall back, and are no fraction
@@ -186,7 +186,7 @@ def test_the_clock_its_unit_and_how_that_is_known(columns, told, found):
 )
 def test_without_a_clocks_name_all_but_one_step_in_twenty_are_within_half_of_their_median(step, of_them, steady):
     steps = np.repeat([1000, step], [299 - of_them, of_them])
-    assert clock_of("foo", np.cumsum([0, *steps]), stated="us") == ((0, "us", "as you say") if steady else None)
+    assert clock_of("foo", np.cumsum([0, *steps]), stated="us") == ((0, "us", "as given") if steady else None)
 
 
 @pytest.mark.parametrize(

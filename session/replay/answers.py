@@ -1,4 +1,4 @@
-"""What a log does not say of its sensor: taken from its comments, asked, or assumed, and then said."""
+"""What a log does not state of its sensor: taken from its comments, requested, or assumed and noted."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from session.replay.join import LEAST_GRAVITY, Joined
 from session.replay.options import Answers
 from session.replay.sources import Source
 
-#: of a note on a full scale that nobody has stated
+#: of a note on a full scale that no one has stated
 ASSUMED_RANGE = "is assumed"
 #: readings in a row that stand at the largest value of all: the range ends there
 AT_THE_END = 4
@@ -39,7 +39,7 @@ MOST_GRAVITY = 2.0
 
 
 def with_comments(answers: Answers, sources: Sequence[Source]) -> Answers:
-    """What a log's own comments say (``# gyro_fs_dps=500 accel_fs_g=4``), unless the person says otherwise."""
+    """What a log's own comments state (``# gyro_fs_dps=500 accel_fs_g=4``), unless the person states another."""
     stated: dict[str, float] = {}
     for source in sources:
         for key in ("gyro_fs_dps", "accel_fs_g", "odr_hz"):
@@ -85,7 +85,7 @@ def with_sensor(sources: Sequence[Source], answers: Answers) -> tuple[Answers, t
 
 def with_full_scales(sources: Sequence[Source], joined: Joined, answers: Answers) -> tuple[Answers, tuple[str, ...]]:
     """The answers with full scales, and notes: where none is stated, the smallest usual range that holds the readings is assumed.  A note
-    says where the accelerometer does not show gravity.
+    states where the accelerometer does not show gravity.
 
     Raises QuestionsError where the readings stand at the end of their range, DataError where they are far beyond the one that is stated, or
     any usual one.
@@ -95,7 +95,7 @@ def with_full_scales(sources: Sequence[Source], joined: Joined, answers: Answers
     gyro, accel = joined.gyro_layout.gyro, joined.accel_layout.accel
     assert gyro is not None and accel is not None  # noqa: PT018  # ``join`` chose the files that have them
     questions, assumed, found, warned = [], [], {}, ""
-    for kind, called, option, unit, told, values, si, usual, word in (
+    for kind, called, option, unit, stated, values, si, usual, word in (
         ("gyro", "gyroscope", "--gyro-fs", DEG, answers.gyro_fs_dps, joined.gyro, gyro.unit.si, USUAL_DPS, "dps"),
         ("accel", "accelerometer", "--accel-fs", G, answers.accel_fs_g, joined.accel, accel.unit.si, USUAL_G, "g"),
     ):
@@ -103,15 +103,15 @@ def with_full_scales(sources: Sequence[Source], joined: Joined, answers: Answers
             lengths = np.concatenate([np.linalg.norm(part, axis=1) for _, part in pieces(values)])
             warned = _without_gravity(float(np.median(lengths, overwrite_input=True)) * si / G)
         if si is None:
-            found[kind] = told
+            found[kind] = stated
             continue
         most = max(float(np.abs(values[:, axis] * (si / unit)).max()) for axis in range(3))  # of a day no copy of all
-        if most > FAR * (told or usual[-1]):
-            range_ = f"{option} {told:g} holds" if told else f"any usual full scale (up to {usual[-1]:g} {word}) holds"
-            says = f"{name}: the {called}'s readings reach {most:.4g} {word}, more than {range_}"
-            raise DataError(f"{says}; is its unit right? give --{kind}-unit, or {option}")
-        if told is not None:
-            found[kind] = told
+        if most > FAR * (stated or usual[-1]):
+            range_ = f"{option} {stated:g} holds" if stated else f"any usual full scale (up to {usual[-1]:g} {word}) holds"
+            reach = f"{name}: the {called}'s readings reach {most:.4g} {word}, more than {range_}"
+            raise DataError(f"{reach}; is its unit right? give --{kind}-unit, or {option}")
+        if stated is not None:
+            found[kind] = stated
             continue
         new = new_readings(values)
         rows = new if held_for(new) > 1 else slice(None)
@@ -147,8 +147,8 @@ def _standing(values: np.ndarray, most: float) -> int:
         return 0
     steps = np.abs(np.diff(values))
     bar = ABRUPT * steps[steps > 0].min(initial=np.inf)
-    beside = [[abs(values[start] - values[row]) for row in (start - 1, stop) if 0 <= row < len(values)] for start, stop in runs]
-    return max(int(stop - start) if max(each, default=0.0) >= bar else 0 for (start, stop), each in zip(runs, beside, strict=True))
+    around = [[abs(values[start] - values[row]) for row in (start - 1, stop) if 0 <= row < len(values)] for start, stop in runs]
+    return max(int(stop - start) if max(each, default=0.0) >= bar else 0 for (start, stop), each in zip(runs, around, strict=True))
 
 
 def sensor_of(answers: Answers) -> Sensor:

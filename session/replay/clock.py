@@ -1,7 +1,7 @@
 """The clock of a log whose header names none of ours: which left-over column rises steadily, and in which unit.
 
 A log whose samples are only counted has the nominal rate's error in every angle, so a clock that is there is never passed over: it is
-taken where something says its unit, and asked about where two units are plausible.
+taken where something states its unit, and a question where two units are plausible.
 """
 
 from __future__ import annotations
@@ -101,12 +101,12 @@ RATE = re.compile(r"(?:rate|freq|odr)\D{0,20}(\d+(?:\.\d+)?)", re.I)
 DATES_S = (1e9, 4.1e9)
 #: values among the first rows: a clock has more, but for one of whole seconds or so
 FEW_STAMPS = 3
-#: of the rows: steps of 1 in a column that numbers them, beside some that are lost
+#: of the rows: steps of 1 in a column that numbers them, among some that are lost
 NUMBERS_ROWS = 0.9
 #: a stamp of so many units that stands still, or goes on by so many of them at once, has lost its last digits: whole units do not
 LARGE, SEVERAL = 1e5, 2.0
-#: how people are told that a unit is known
-TOLD, BY_NAME, BY_RATE, BY_DATE = "as you say", "by its name", "by the sensors' rates", "by its date"
+#: how a unit is known, in words
+GIVEN, BY_NAME, BY_RATE, BY_DATE = "as given", "by its name", "by the sensors' rates", "by its date"
 
 
 @dataclass(frozen=True)
@@ -149,7 +149,7 @@ class _Candidate:
     def taken(self, unit: str, known: str) -> Clock:
         """It as the clock, in this unit."""
         rate, si = "", getattr(parse_unit("time", unit), "si", None)
-        if si and len(np.unique(self.values)) >= len(self.values) // 2:  # else what is counted along them says the rate
+        if si and len(np.unique(self.values)) >= len(self.values) // 2:  # else what is counted along them gives the rate
             rate = f": {1 / (self.step * si * NS):.5g} Hz"
         what = f"is taken for {'intervals, which are added up' if self.intervals else 'the clock'}"
         in_unit = "as a time of day" if self.is_clock else f"in {unit} {known}"
@@ -168,7 +168,7 @@ def find_clock(
     """The clock among the columns that are not ``read``, by the first rows' cells; None where no column rises as a clock does.
 
     odr_hz: the declared rate; stated: the unit, where the person gives it; before: lines before the rows.  QuestionsError names the column
-    where it cannot be told whether it is the clock, or in which unit; FormatError names several that may be it, and one whose stamps have
+    where it is open whether it is the clock, or in which unit; FormatError names several that may be it, and one whose stamps have
     too few digits.
     """
     left = [column for column in range(max(map(len, rows), default=0)) if column not in read]
@@ -189,7 +189,7 @@ def find_clock(
             raise FormatError(
                 f"{where}: {' and '.join(repr(each.name) for each in found[:4])} rise; name the clock, --columns t_{stated}=NAME,…"
             )
-        return best.taken(stated, TOLD)
+        return best.taken(stated, GIVEN)
     if best.unit is not None:
         return best.taken(best.unit, BY_NAME)
     rates = {unit: 1 / (best.step * TIME[unit] * NS) for unit in ("s", "ms", "us", "ns")} if best.named else {}

@@ -74,7 +74,7 @@ def split(line: str, delimiter: str | None) -> tuple[str, ...]:
 def parse_columns(text: str, pattern: re.Pattern[str] = KEY, expected: str = EXPECTED) -> dict[str, tuple[str, str, int]]:
     """{gx: (name or number, unit, sign)} of the text of ``--columns``; further terms of the time are t2, t3 and so on.
 
-    pattern: of its keys, with the quantity and the unit as groups.  FormatError, which says what is expected, for another key and for one
+    pattern: of its keys, with the quantity and the unit as groups.  FormatError, which states what is expected, for another key and for one
     that is given twice.
     """
     wanted: dict[str, tuple[str, str, int]] = {}

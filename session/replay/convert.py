@@ -1,4 +1,4 @@
-"""Make a session folder of any program's logs: what was taken for what, and what must be asked."""
+"""Make a session folder of any program's logs: what was taken for what, and what remains open."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ from session.replay.answers import (
     with_full_scales,
     with_sensor,
 )
-from session.replay.clock import TOLD
+from session.replay.clock import GIVEN
 from session.replay.dialects import OWN
 from session.replay.guesses import Guess, answered, contradicted
 from session.replay.interpretation import interpretation, read_as
@@ -120,8 +120,8 @@ def convert(
         require_empty(out, "exists; give --out a new folder, or add to the session there with --add log or --add closure")
     try:
         return _converted(paths, out, answers, add, serial, columns)
-    except (QuestionsError, UnknownColumnsError) as asked:
-        guess = answered(paths, answers, columns, asked)
+    except (QuestionsError, UnknownColumnsError) as cause:
+        guess = answered(paths, answers, columns, cause)
     except _Contradicted as found:
         guess = found.guess
     return _converted(paths, out, answers, add, serial, columns, guess)
@@ -150,7 +150,7 @@ def _converted(
         for source in sources if known.by else ():
             source.layout = known.layout(source.layout)
             in_unit = f"in {answers.time_unit} "
-            source.notes = [note.replace(f"{in_unit}{TOLD}", f"{in_unit}{known.by.get('time', TOLD)}") for note in source.notes]
+            source.notes = [note.replace(f"{in_unit}{GIVEN}", f"{in_unit}{known.by.get('time', GIVEN)}") for note in source.notes]
         answers = with_comments(answers, sources)
         if add:
             answers = _as_in(read_config(out / "session.toml").sensor, answers)
@@ -216,12 +216,12 @@ def _as_in(sensor: Sensor, answers: Answers) -> Answers:
 
 
 def _require_a_sensors_rate(source: Source, rate_hz: float) -> None:
-    """FormatError where stamps say a rate that no sensor has: their unit is another."""
+    """FormatError where stamps show a rate that no sensor has: their unit is another."""
     if SLOWEST_HZ <= rate_hz <= FASTEST_HZ:
         return
     unit = next((word for word, ns in TIME.items() if ns == source.layout.time_ns), "that unit")
     raise FormatError(
-        f"{source.path.name}: read as {unit}, its stamps say {rate_hz:g} Hz, and no sensor has less than {SLOWEST_HZ:g} or more than "
+        f"{source.path.name}: read as {unit}, its stamps show {rate_hz:g} Hz, and no sensor has less than {SLOWEST_HZ:g} or more than "
         f"{FASTEST_HZ:g}; is that the unit of its time column? --time-unit s, ms, us or ns"
     )
 
@@ -240,8 +240,8 @@ def _write_log(sources: list[Source], joined: Joined, path: Path, answers: Answe
     frames = {layout.frame for layout in (joined.gyro_layout, joined.accel_layout) if layout.frame}
     notes += [f"axes as logged: {frame}; level need not be z down, gravity shows what is up" for frame in sorted(frames)]
     header, columns, formats = _columns(joined)
-    said = {CALIBRATED: next((source.comments[CALIBRATED] for source in sources if CALIBRATED in source.comments), "")}
-    flags = flags_of(said | ({"stamps": "counted"} if joined.counted else {}))
+    facts = {CALIBRATED: next((source.comments[CALIBRATED] for source in sources if CALIBRATED in source.comments), "")}
+    flags = flags_of(facts | ({"stamps": "counted"} if joined.counted else {}))
     columns += [np.ones(len(joined.t_ns), dtype=np.int8)] * len(flags)
     with created(path) as file:
         file.write(f"{','.join([*header, *flags])}\n".encode())
@@ -281,8 +281,8 @@ def _in_our_unit(values: np.ndarray, si: float | None, units: dict[str, float]) 
     """The written numbers in the unit of ours that changes them least: not at all, or by a factor."""
     if si is None:
         if (values % 1).any():
-            told = "--gyro-unit dps, mdps or rad/s, --accel-unit g, mg or m/s2"
-            raise FormatError(f"registers are whole numbers, but the log has fractions; give its unit: {told}")
+            options = "--gyro-unit dps, mdps or rad/s, --accel-unit g, mg or m/s2"
+            raise FormatError(f"registers are whole numbers, but the log has fractions; give its unit: {options}")
         return "", values, "%d"
     for suffix, ours in units.items():
         if ours == si:
@@ -300,7 +300,7 @@ def _with_even_sigma(path: Path, sigma_ppm: float | None) -> bytes:
 
 
 def _write_toml(path: Path, sources: Sequence[Source], sensor: Sensor, assumed: Sequence[str], out: Path) -> None:
-    """FormatError, in the name of ``out``, for what this tool would not read again: a log's own comments may say anything."""
+    """FormatError, in the name of ``out``, for what this tool would not read again: a log's own comments may hold anything."""
     text = toml_text(Config(sensor, Accelerometer(source="none"), Site(), Protocol()))
     remarks = [f"from {_source(sources)}", *(comment(each).replace("=", "_") for each in assumed if ASSUMED_RANGE in each)]
     write_new(path, "".join(f"# {remark}\n" for remark in remarks) + text)
@@ -311,7 +311,7 @@ def _write_toml(path: Path, sources: Sequence[Source], sensor: Sensor, assumed: 
 
 
 def _source(sources: Sequence[Source]) -> str:
-    """For a comment.  A reader of logs takes ``name=value`` in a comment for what the log says of itself: a file's name must not."""
+    """For a comment.  A reader of logs takes ``name=value`` in a comment for what the log states of itself: a file's name must not."""
     return comment(", ".join(f"{source.path.name} ({source.layout.dialect})" for source in sources)).replace("=", "_")
 
 

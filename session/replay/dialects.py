@@ -20,8 +20,8 @@ class TableLayout(Layout):
     """Of any program's log.
 
     dialect's name; clock: the time is one of day; frame, as far as it is documented; finer: further terms of the time, as a second's
-    fraction beside whole seconds, each a column and its ns per unit; sources: where the unit of ``time``, ``gyro``, ``accel`` is from;
-    facts: what lines before the header say, as comments do; intervals: whether the time is that since the row before.
+    fraction next to whole seconds, each a column and its ns per unit; sources: where the unit of ``time``, ``gyro``, ``accel`` is from;
+    facts: what lines before the header state, as comments do; intervals: whether the time is that since the row before.
     """
 
     dialect: str = OTHER
@@ -49,36 +49,36 @@ class TableLayout(Layout):
         return replace(self, gyro=gyro, accel=accel, temp=temp, temp_unit=unit)
 
 
-# What lines before a header say, in the words of comments: units, full scales.
+# What lines before a header state, in the words of comments: units, full scales.
 
 
-def _betaflight(said: Mapping[str, str]) -> dict[str, str]:
+def _betaflight(header: Mapping[str, str]) -> dict[str, str]:
     """Of ``gyro_scale`` (dps per count; often as the bits of a float; a tenth with ``blackbox_high_resolution``) and ``acc_1G``, which the
     recorder's header lines state."""
     facts: dict[str, str] = {}
     with suppress(KeyError, ValueError, struct.error, OverflowError):
-        text = (said.get("gyro_scale") or said["gyro.scale"]).lower()  # with a point before 2017
+        text = (header.get("gyro_scale") or header["gyro.scale"]).lower()  # with a point before 2017
         scale = struct.unpack(">f", bytes.fromhex(text[2:].zfill(8)))[0] if text.startswith("0x") else float(text)
-        scale /= 10 if said.get("blackbox_high_resolution") == "1" else 1
+        scale /= 10 if header.get("blackbox_high_resolution") == "1" else 1
         if 1e-4 < scale <= 1:
             facts |= {"gyro_unit": f"{scale:.9g}dps", "gyro_fs_dps": "2000"}
     with suppress(KeyError, ValueError, ZeroDivisionError):
-        one_g = float(said["acc_1g"])
+        one_g = float(header["acc_1g"])
         if one_g >= 100:
             facts |= {"accel_unit": f"g/{one_g:g}", "accel_fs_g": f"{32768 / one_g:g}"}
     return facts
 
 
-def _gyroflow(said: Mapping[str, str]) -> dict[str, str]:
+def _gyroflow(header: Mapping[str, str]) -> dict[str, str]:
     """``tscale`` in s, ``gscale`` in rad/s and ``ascale`` in g per count."""
     named = (("tscale", "time_unit", "s"), ("gscale", "gyro_unit", "rad/s"), ("ascale", "accel_unit", "g"))
-    return {key: f"{said[scale]}{unit}" for scale, key, unit in named if scale in said}
+    return {key: f"{header[scale]}{unit}" for scale, key, unit in named if scale in header}
 
 
 # The dialects.  A new one is one entry.
 #
 # Names are those of the header without unit, in small letters; ``{}`` stands for the axis.  A unit in the header, in [] or (), always
-# counts; the units here are those that the dialect is documented to use where its header says none.  Where neither states a unit, an
+# counts; the units here are those that the dialect is documented to use where its header states none.  Where neither states a unit, an
 # option must.
 
 
@@ -87,8 +87,8 @@ class Dialect:
     """name as the notes call it; signature: columns that must be there to recognise it; time: column, the first of these that is there
     (a clock is seen as one; ``a+b`` are whole seconds and nanoseconds); gyro and accel with {} for the axis (axes: its three names);
     temp; units where the header has none; frame: what is documented of its axes; both: a file of it holds both sensors; by_file: columns
-    are the same for each sensor, and the file's name says which it is; begins: what its first line says; facts: what lines before the
-    header say."""
+    are the same for each sensor, and the file's name states which it is; begins: what its first line holds; facts: what lines before the
+    header state."""
 
     name: str
     time: tuple[str, ...]
@@ -122,7 +122,7 @@ DIALECTS = (
         accel="a{}",
         begins="GYROFLOW IMU LOG",
         facts=_gyroflow,
-        frame="as its line `orientation` says",
+        frame="as its line `orientation` states",
     ),
     Dialect("phyphox", time=("time",), gyro="gyroscope {}", accel="acceleration {}", time_unit="s", signature=("time",), frame=PHONE),
     Dialect(
@@ -144,7 +144,7 @@ DIALECTS = (
         accel_unit="m/s2",
         both=True,
     ),
-    # A file for each sensor; one name stands for three columns, and may say their order.
+    # A file for each sensor; one name stands for three columns, and may state their order.
     Dialect("GoPro", time=("cts",), gyro="gyroscope {}", accel="accelerometer {}", time_unit="ms", frame="the camera's own axes"),
     Dialect(
         "EuRoC", time=("timestamp",), gyro="w_rs_s_{}", accel="a_rs_s_{}", time_unit="ns", frame="the sensor frame S of its sensor.yaml"

@@ -37,7 +37,7 @@ TORN, TORN_RECORD = "torn", "the record is torn, or in another unit than before"
 
 
 class TextForm:
-    """name: as people are told of it; header: the names of its columns, with commas, or empty where the lines have one of their own;
+    """name: in words; header: the names of its columns, with commas, or empty where the lines have one of their own;
     left_out: how many lines so far held nothing of it; torn: what is wrong with a line that it calls torn."""
 
     name = header = ""
@@ -81,7 +81,7 @@ MONITOR = re.compile(rf"^\s*(?:(?:\[(?:{_DATE})?{_TIME}\]|(?:{_DATE})?{_TIME} -?
 
 
 class _Monitor(TextForm):
-    """The clock becomes the last column: what the board itself says of the time comes before it."""
+    """The clock becomes the last column: what the board itself states of the time comes before it."""
 
     name = "a serial monitor's lines"
 
@@ -222,7 +222,7 @@ def _refuse_labels(lines: list[str], name: str) -> None:
             found += [of] if of else []
     several = [word for word in dict.fromkeys(found) if found.count(word) > 1]
     if len(several) > 1 and len(found) > SHARE * len(lines):
-        raise FormatError(f"{name}: lines of several sensors ({', '.join(several[:4])}), told by words; keep the lines of one")
+        raise FormatError(f"{name}: lines of several sensors ({', '.join(several[:4])}), by words; keep the lines of one")
 
 
 # Rows of numbers behind a label: ``a/g:\t-120\t…``, ``IMU: 1, 2, …``.
@@ -299,7 +299,7 @@ def _is_unit(word: str) -> bool:
 
 SENTENCE = re.compile(r"\$([A-Za-z]{2,10}),([^*$]*+)\*([0-9A-Fa-f]{2}|[0-9A-Fa-f]{4}|XX)\s*+")
 _MEASURED = ",".join(f"{what}{axis}{unit}" for what, unit in (("mag", ""), ("acc", " [m/s2]"), ("gyro", " [rad/s]")) for axis in "XYZ")
-#: what the makers' manuals say that a sentence holds behind its word; of several kinds in one log the first is taken
+#: what the makers' manuals state that a sentence holds behind its word; of several kinds in one log the first is taken
 SENTENCES = {
     "VNIMU": f"{_MEASURED},temp [c],pressure",
     "VNMAR": _MEASURED,
@@ -333,8 +333,8 @@ class _Sentences(TextForm):
 
 def _sum_is_right(sentence: re.Match[str]) -> bool:
     """Whether the two digits are the exclusive or of all letters; other sums are taken as they are."""
-    told = reduce(xor, f"{sentence[1]},{sentence[2]}".encode())
-    return len(sentence[3]) != 2 or sentence[3] == "XX" or told == int(sentence[3], 16)
+    total = reduce(xor, f"{sentence[1]},{sentence[2]}".encode())
+    return len(sentence[3]) != 2 or sentence[3] == "XX" or total == int(sentence[3], 16)
 
 
 # JSON, an object a line: ``{"t": 1, "gyro": {"x": 0.1, …}}``.
@@ -404,7 +404,7 @@ class _Hexadecimal(TextForm):
     name = "registers in hexadecimal"
 
     def __init__(self, columns: frozenset[int] | None):
-        """columns: those whose cells are hexadecimal; None: cells that say so, by 0x."""
+        """columns: those whose cells are hexadecimal; None: cells that begin with 0x."""
         self._columns = columns
 
     def row(self, line: str) -> str:
@@ -474,32 +474,32 @@ class _Packed(TextForm):
         return ",".join((*([re.split(r"[,;\s]", line.strip())[0]] if self._stamped else []), *kept))
 
 
-def _packed(lines: list[str], told: str | None, name: str) -> _Packed | None:
+def _packed(lines: list[str], stated: str | None, name: str) -> _Packed | None:
     words = [match[1] for line in lines if (match := WORD.search(line)) is not None]
     words = [word for word in words if not word.isdigit()]
     if len(words) <= SHARE * len(lines) or not words:
-        if told:
-            raise FormatError(f"{name}: --packed is {told!r}, but its lines hold no words of hexadecimal registers; leave it out")
+        if stated:
+            raise FormatError(f"{name}: --packed is {stated!r}, but its lines hold no words of hexadecimal registers; leave it out")
         return None
     registers = len(words[0]) // 4
-    if told is None:
-        what = f"{registers} registers a line, packed in hexadecimal, and it does not say their order"
+    if stated is None:
+        what = f"{registers} registers a line, packed in hexadecimal, and it does not state their order"
         raise FormatError(f"{name}: {what}; give --packed, {EXPECTED_PACKED}")
-    order, fields = _fields(told)
+    order, fields = _fields(stated)
     if len(fields) != registers:
-        raise FormatError(f"{name}: {registers} registers a line, but --packed {told} has {len(fields)}; {EXPECTED_PACKED}")
+        raise FormatError(f"{name}: {registers} registers a line, but --packed {stated} has {len(fields)}; {EXPECTED_PACKED}")
     stamped = sum(re.match(rf"\s*{NUMBER}[,;\s]", line) is not None for line in lines) > SHARE * len(lines)
     return _Packed(order, fields, stamped)
 
 
-def _fields(told: str) -> tuple[str, tuple[str, ...]]:
-    if told in PRESETS:
-        return PRESETS[told]
-    order, colon, listed = told.partition(":")
+def _fields(stated: str) -> tuple[str, tuple[str, ...]]:
+    if stated in PRESETS:
+        return PRESETS[stated]
+    order, colon, listed = stated.partition(":")
     fields = tuple(field.strip() for field in listed.split(","))
     known = order in ("little", "big") and colon and all(field in FIELDS for field in fields)
     if not known or any(fields.count(field) != 1 for field in FIELDS[:6]):
-        raise FormatError(f"--packed is {told[:60]!r}; {EXPECTED_PACKED}")
+        raise FormatError(f"--packed is {stated[:60]!r}; {EXPECTED_PACKED}")
     return order, fields
 
 

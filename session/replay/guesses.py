@@ -53,7 +53,7 @@ STEADY, UNSTEADY = 0.75, 0.25
 TENTATIVE_HZ = 100.0
 #: of gravity's movement, what columns without names may leave unexplained
 UNPROVEN = 0.2
-#: how people are told that a unit is known
+#: how a unit is known, in words
 BY_GRAVITY, BY_RATES = "by gravity", "by the sensors' rates"
 #: option of a question -> kinds of units that answer it
 KINDS = {"--time-unit": {"time"}, "--gyro-unit": {"gyro"}, "--accel-unit": {"accel"}, "--gyro-fs": {"gyro"}, "--accel-fs": {"accel"}}
@@ -87,35 +87,35 @@ class Guess:
         return replace(layout, sources={**layout.sources, **self.by})
 
 
-def answered(paths: Sequence[Path], answers: Answers, columns: Sequence[str], asked: QuestionsError | UnknownColumnsError) -> Guess:
-    """What physics answers of all that a log does not state.  Raises the questions that are left, and ``asked`` where it answers none."""
-    nameless = isinstance(asked, UnknownColumnsError)
-    if isinstance(asked, UnknownColumnsError):
-        if len(paths) != 1 or not asked.columns or answers.columns or columns:
-            raise asked
-        answers, units = replace(answers, columns=asked.columns), asked.time_units
-        options = {} if asked.stamped or answers.odr_hz else {asked.rate: "--odr"}
+def answered(paths: Sequence[Path], answers: Answers, columns: Sequence[str], cause: QuestionsError | UnknownColumnsError) -> Guess:
+    """What physics answers of all that a log does not state.  Raises the questions that are left, and ``cause`` where it answers none."""
+    nameless = isinstance(cause, UnknownColumnsError)
+    if isinstance(cause, UnknownColumnsError):
+        if len(paths) != 1 or not cause.columns or answers.columns or columns:
+            raise cause
+        answers, units = replace(answers, columns=cause.columns), cause.time_units
+        options = {} if cause.stamped or answers.odr_hz else {cause.rate: "--odr"}
         kinds = {"gyro", "accel", *(["time"] if units else [])}
     else:
-        options = {question: question.option.split()[0] for question in asked.questions}
-        units = next((question.units for question in asked.questions if question.units), ())
+        options = {question: question.option.split()[0] for question in cause.questions}
+        units = next((question.units for question in cause.questions if question.units), ())
         kinds = {kind for option in options.values() for kind in KINDS.get(option, ())}
     rate = [question for question, option in options.items() if option == "--odr"]
     kinds -= {kind for kind in kinds if getattr(answers, f"{kind}_unit") is not None}
     if ("time" in kinds and not units) or not set(options.values()) <= {*KINDS, "--odr"}:
-        raise asked
+        raise cause
     odr_hz = answers.odr_hz or (TENTATIVE_HZ if rate else None)
     placed: dict[str, Any] = {f"{kind}_unit": ANY.get(kind) or units[0] for kind in kinds}
     try:
         with sources_of(paths, replace(answers, **placed, odr_hz=odr_hz), columns) as sources:
             joined = join(sources, odr_hz)
     except CalibrationError:  # what is wrong with the log is reported where it is read in its units
-        raise asked from None
+        raise cause from None
     guess = decide(joined, kinds, units, bool(rate), nameless)
     if guess is None:
-        raise asked
+        raise cause
     if left := [each for each, option in options.items() if not KINDS.get(option, {"rate"}) <= set(guess.by)]:
-        raise QuestionsError(asked.file, asked.dialect, left)
+        raise QuestionsError(cause.file, cause.dialect, left)
     return replace(guess, columns=answers.columns)
 
 

@@ -1,4 +1,4 @@
-"""Headings that say by themselves what their columns are: by quantities' names in several languages, or by the units that they state.
+"""Headings that state by themselves what their columns are: by quantities' names in several languages, or by the units that they state.
 
 People print ``accX``, ``gyro_y``, ``wz``, ``imu.rate.x``; programs export ``Drehrate X [°/s]`` and ``X (rad/s)``.  A new word is one entry.
 """
@@ -41,7 +41,7 @@ UNIT_ENDINGS = {
 AXES = {"x": 0, "y": 1, "z": 2, "roll": 0, "pitch": 1, "yaw": 2, "wank": 0, "nick": 1, "gier": 2}
 #: of a name whose unit is an accelerometer's: another quantity, where one is there that is not called so
 OTHERS = ("mag", "lin", "user", "grav")
-#: quantities that a unit tells
+#: quantities that a unit shows
 BY_UNIT = {"g": "gyro", "a": "accel"}
 #: how names of angles of each sample begin
 ANGLES = ("dtheta", "dθ", "deltatheta", "dang", "deltaang", "delang", "angleincrement", "angularincrement", "winkelinkrement")
@@ -84,9 +84,9 @@ def spread(names: Sequence[str]) -> tuple[str, ...]:
 
 
 def usual_columns(names: Sequence[str], file: str) -> dict[str, Column]:
-    """{gx: column, …, temp: …} of the headings that say it; only a whole triad, and only where one column alone says it.
+    """{gx: column, …, temp: …} of the headings that state it; only a whole triad, and only where one column alone states it.
 
-    file: whose name says which sensor it is of where its columns are called x, y, z.
+    file: whose name states which sensor it is of where its columns are called x, y, z.
     """
     columns: dict[str, Column] = {}
     stated: dict[str, dict[str, dict[int, Column]]] = {letter: {} for letter in BY_UNIT}  # by unit: sensor, rest of the name, axis
@@ -98,7 +98,7 @@ def usual_columns(names: Sequence[str], file: str) -> dict[str, Column]:
         else:
             found = _written().get(BEFORE.sub("", plain(name)))
         if found is not None:
-            if found[0] in columns:  # two sensors: a person says which
+            if found[0] in columns:  # two sensors: a person states which
                 return {}
             columns[found[0]] = column, unit or found[1], 1
             continue
@@ -117,11 +117,11 @@ def usual_columns(names: Sequence[str], file: str) -> dict[str, Column]:
 
 
 def _of_file(file: str) -> str:
-    """Which sensor the name of a file says: ``Gyroscope.csv``, ``imu_acc_2.json``; not ``rotation_vector.csv``."""
+    """Which sensor the name of a file states: ``Gyroscope.csv``, ``imu_acc_2.json``; not ``rotation_vector.csv``."""
     words = re.findall(r"[^\W\d_]+", re.sub(r"([a-z])([A-Z])", r"\1 \2", file.split(".")[0]).lower())
     called = {plain(word) for word in (*words, "".join(words)) if len(word) > 2}
-    said = [letter for letter, known in USUAL.items() if called & set(known)]
-    return said[0] if len(said) == 1 and not any(word.startswith(("vector", *OTHERS)) for word in words) else ""
+    letters = [letter for letter, known in USUAL.items() if called & set(known)]
+    return letters[0] if len(letters) == 1 and not any(word.startswith(("vector", *OTHERS)) for word in words) else ""
 
 
 def _axis(name: str) -> tuple[str, int | None]:
@@ -136,7 +136,7 @@ def _axis(name: str) -> tuple[str, int | None]:
 
 @cache
 def _written() -> dict[str, tuple[str, str]]:
-    """Every plain name that says an axis of a sensor, and perhaps its unit: {gyroxdps: (gx, dps)}."""
+    """Every plain name that means an axis of a sensor, and perhaps its unit: {gyroxdps: (gx, dps)}."""
     found: dict[str, tuple[str, str]] = {word: ("temp", "degc") for word in USUAL_TEMPERATURES}
     for letter, words in USUAL.items():
         for word, (axis, place) in product(words, zip("xyz", "012", strict=True)):
@@ -149,7 +149,7 @@ def _written() -> dict[str, tuple[str, str]]:
     return found
 
 
-#: what says no more than that a column is of a sensor
+#: what means no more than that a column is of a sensor
 BEFORE = re.compile(r"^(?:imu|raw|data|scaled|sensor|msg|field)+")
 
 

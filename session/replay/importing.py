@@ -1,4 +1,4 @@
-"""``import``: one door for any log; what it is, its bytes say."""
+"""``import``: one door for any log; what it is, its bytes show."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def import_log(
 
     header: of a port's bytes as text; further: records of options that features add; most_memory: bytes that reading may take
     (session/base/budget.py).  Raises CalibrationError for options that do nothing here, FormatError and DataError, QuestionsError for all
-    that the log does not say, StorageError.
+    that the log does not state, StorageError.
     """
     if most_memory is not None:
         with budget(paths, most_memory):
@@ -54,7 +54,7 @@ def import_log(
         answers = replace(answers, like=kind_named(answers.like))
     out = Path(_stem(paths[0])) if out is None else out
     alone = replace(answers, columns=columns[0]) if len(columns) == 1 else answers
-    # A file with the name of a port's bytes may be a binary log after all: by its bytes, or as ``--like`` says.
+    # A file with the name of a port's bytes may be a binary log after all: by its bytes, or by ``--like``.
     binary = paths[0].is_file() and (answers.like in registry.READERS or registry.reader_of(paths[0], head_of(paths[0])) is not None)
     if len(paths) == 1 and not binary and is_raw(paths[0], alone):
         of_logs = given(alone, ("odr_hz", "gyro_fs_dps", "accel_fs_g", "sensor"))
@@ -62,7 +62,7 @@ def import_log(
         refuse_with(f"{paths[0].name}, a port's bytes", ignored, further)
         return convert_raw(paths[0], out, answers, header)
     if header is not None:
-        raise FormatError(f"{paths[0].name}: --header is of a port's bytes, named .bin; of a log, --columns says what its columns are")
+        raise FormatError(f"{paths[0].name}: --header is of a port's bytes, named .bin; of a log, --columns states what its columns are")
     how: dict[str, Any] = {"columns": columns, "serial": serial, "add": add, "further": further}
     if (made := features.first("import of logs", paths, out, answers, **how)) is not None:
         return made
@@ -110,10 +110,10 @@ def kind_named(text: str) -> str:
 
 
 def _stem(path: Path) -> str:
-    """``flight_3.bin`` becomes ``flight_3``.  FormatError where a name says nothing."""
+    """``flight_3.bin`` becomes ``flight_3``.  FormatError where a name is empty."""
     stem = path.resolve().name.split(".")[0]
     if not stem or str(path) == "-":
-        raise FormatError(f"{path}: says no name for the session; give --out DIR")
+        raise FormatError(f"{path}: gives no name for the session; give --out DIR")
     return stem
 
 

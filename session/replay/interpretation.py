@@ -52,8 +52,8 @@ def program_text(layout: TableLayout, answers: Answers) -> str:
     """The program, and how it was known."""
     by_person = layout.sources.get("gyro") != BY_GRAVITY
     if layout.dialect == OTHER:
-        return "columns by their names" if not answers.columns else "columns as you say" if by_person else "columns by gravity"
-    how = "as --like says" if answers.like else "by its header" if layout.header_line else "by its bytes"
+        return "columns by their names" if not answers.columns else "columns as given" if by_person else "columns by gravity"
+    how = "by --like" if answers.like else "by its header" if layout.header_line else "by its bytes"
     called = "this tool's own log" if layout.dialect == OWN else layout.dialect
     return f"{called}, {how}"
 

@@ -120,11 +120,11 @@ def _whole(source: Source, odr_hz: float | None, notes: list[str], sigmas: list[
         for part in PARTS:
             if (values := getattr(piece, part)) is not None:
                 growing.setdefault(part, Growing(most)).add(values)
-                if not most:  # of a stream its reader has said it
+                if not most:  # of a stream its reader has taken it
                     current().numbers(source.path, values.size)
         rows += len(next(part for part in (piece.gyro, piece.accel, piece.temp) if part is not None))
     notes += [f"{name}: {note}" for note in source.notes]
-    said = len(source.notes)
+    before = len(source.notes)
     if not rows and getattr(source, "picks_rows", False):
         raise FormatError(f"{name}: no samples among the rows that --rows, --where and --lines leave; give others")
     if not rows:
@@ -140,7 +140,7 @@ def _whole(source: Source, odr_hz: float | None, notes: list[str], sigmas: list[
         notes.append(f"{name}: its last {len(t_ns) - again} rows repeat the time before them, as a program's display does: left out")
         columns = [None if column is None else column[:again] for column in columns]
     stamps = source.unrolled(t_ns[:again])
-    notes += [f"{name}: {note}" for note in source.notes[said:]]
+    notes += [f"{name}: {note}" for note in source.notes[before:]]
     once = written_once(stamps, [column for column in columns[1:] if column is not None])
     if (shared := int(np.count_nonzero(np.diff(stamps) == 0))) > COARSE * len(stamps) and np.count_nonzero(~once) >= TWICE * shared:
         notes.append(f"{name}: {np.count_nonzero(~once)} rows repeat the one before them, stamp and readings: left out")
@@ -190,7 +190,7 @@ def _only(whole: list[tuple[Source, Piece]], part: str, called: str) -> tuple[So
 
 
 def without_gravity(accel: np.ndarray, layout: TableLayout) -> bool:
-    """Whether specific force (N, 3), as written, is far too small for gravity to be in it; registers are not judged."""
+    """Whether specific force (N, 3), as written, is far too small for gravity to be in it; registers are not looked at."""
     si = None if layout.accel is None else layout.accel.unit.si
     return si is not None and median_length(accel) * si < LEAST_GRAVITY * G
 
@@ -229,6 +229,6 @@ def _joined_note(gyro_ns: np.ndarray, accel_ns: np.ndarray, keep: np.ndarray, cl
     gyro_hz, accel_hz = (pace_of(t_ns).rate_hz for t_ns in (gyro_ns, accel_ns))
     text = f"joined on time: gyroscope at {gyro_hz:.4g} Hz, accelerometer at {accel_hz:.4g} Hz"
     if not np.isin(gyro_ns[keep], accel_ns).all():
-        text += ", read between its samples" + "; an offset between their clocks stays, and `explain` looks for it" * clocks
+        text += ", read between its samples" + "; their clocks are not aligned yet: run explain" * clocks
     lost = np.count_nonzero(~keep)
     return text + (f"; {lost} samples of the gyroscope without accelerometer samples are left out" if lost else "")

@@ -1,4 +1,4 @@
-"""What names of columns, arrays and message fields say: which quantity, which axis, in which unit, of which of several sensors.
+"""What names of columns, arrays and message fields mean: which quantity, which axis, in which unit, of which of several sensors.
 
 A name counts where it ends in a word for the quantity: ``imu0/gyr_x [deg/s]``, ``angular_velocity.x``, ``acc_mps2``, ``wx``.  ``gyro_bias``
 and ``mag_x`` are none.
@@ -27,7 +27,7 @@ PAIRS: dict[tuple[str, str], str | None] = {
     **dict.fromkeys([(a, b) for a in ("linear", "lin", "specific", "spec") for b in ("acceleration", "accel", "acc", "force")], "accel"),
     **dict.fromkeys([(a, b) for a in ("angular", "ang") for b in ("acceleration", "accel", "acc")], None),
 }
-#: words that say no more than that a column holds readings
+#: words that mean no more than that a column holds readings
 FILLERS = (
     "data",
     "xyz",
@@ -71,7 +71,7 @@ ORDERED = [(kind, ending) for kind, endings in ENDINGS.items() for ending in sor
 @dataclass(frozen=True)
 class Meaning:
     """kind: gyro, accel, temp or time; axis: 0, 1, 2, or None of all three; unit: a word of ``units``, or ``""``; of: the rest of the
-    name, which tells one sensor from another."""
+    name, which separates one sensor from another."""
 
     kind: str
     axis: int | None
@@ -80,7 +80,7 @@ class Meaning:
 
 
 def meaning(name: str, unit: str = "") -> Meaning | None:
-    """What a name says; unit: what is said beside it.  None where it says no quantity that is known."""
+    """What a name means; unit: what is stated next to it.  None where it means no quantity that is known."""
     bare, _, bracket = name.rstrip("])").rpartition("[") if name.endswith("]") else name.rstrip(")").rpartition("(")
     stated = bracket if bare and not bracket.strip().isdigit() else ""
     words = [word.lower() for word in re.findall(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|[0-9]", bare if stated else name)]
@@ -98,9 +98,9 @@ def meaning(name: str, unit: str = "") -> Meaning | None:
     return None if plain is None else Meaning(plain.kind, plain.axis, _unit(plain.kind, unit, stated), plain.of)
 
 
-def _unit(kind: str, *said: str) -> str:
+def _unit(kind: str, *texts: str) -> str:
     """The first of these texts that is a unit of this quantity."""
-    return next((text.strip() for text in said if text.strip() and parse_unit(kind, text) is not None), "")
+    return next((text.strip() for text in texts if text.strip() and parse_unit(kind, text) is not None), "")
 
 
 def _plain(words: list[str]) -> Meaning | None:
@@ -134,9 +134,9 @@ def triads(names: Iterable[str]) -> dict[tuple[str, str], tuple[str, str, str]]:
     """{(gyro or accel, of): names of x, y, z} of single columns; only where all three are there, once each."""
     found: dict[tuple[str, str], dict[int, list[str]]] = {}
     for name in names:
-        said = meaning(name)
-        if said is not None and said.axis is not None:
-            found.setdefault((said.kind, said.of), {}).setdefault(said.axis, []).append(name)
+        parsed = meaning(name)
+        if parsed is not None and parsed.axis is not None:
+            found.setdefault((parsed.kind, parsed.of), {}).setdefault(parsed.axis, []).append(name)
     return {
         key: (axes[0][0], axes[1][0], axes[2][0])
         for key, axes in found.items()

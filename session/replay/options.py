@@ -1,4 +1,4 @@
-"""What a log may not tell, as options: the same wherever one is read.  Imports nothing heavy."""
+"""What a log may not state, as options: the same wherever one is read.  Imports nothing heavy."""
 
 from __future__ import annotations
 

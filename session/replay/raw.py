@@ -74,7 +74,7 @@ def convert_raw(raw_path: Path, out: Path, answers: Answers, header: str | None 
         if not own:
             raise FormatError(
                 f"{raw_path}: no samples among {raw_path.stat().st_size} bytes ({decoder.garbage} are neither frame nor line); "
-                "text in physical units that does not say its header needs --header t_us,gx_dps,…"
+                "text in physical units that does not hold its header needs --header t_us,gx_dps,…"
             )
         assumed = _configure(raw_path, work, decoder, logs, answers)
     notes = [f"{path.name} written" for path in logs.paths[1:]]
@@ -112,14 +112,14 @@ def _took(raw_path: Path, log: Path) -> tuple[str, ...]:
 
 def _configure(raw_path: Path, out: Path, decoder: StreamDecoder, logs: LogWriter, answers: Answers) -> bool:
     """Write session.toml; whether its sensor is only assumed."""
-    beside = raw_path.with_name(NAME)
-    if beside.exists():
-        copy_new(beside, out / NAME)
+    config = raw_path.with_name(NAME)
+    if config.exists():
+        copy_new(config, out / NAME)
         return False
     rate_hz = answers.odr_hz or (None if decoder.info else decoder.measured_odr_hz)
     file = SessionFile(out, None, rate_hz, answers.gyro_fs_dps, answers.accel_fs_g, answers.sensor)
     if file.configure(decoder.info, PATIENCE_S, bool(logs.physical), logs.board) is None:
         raise FormatError(
-            f"{raw_path}: the board does not say its ranges, and no {NAME} lies in its folder; give --gyro-fs DPS --accel-fs G"
+            f"{raw_path}: the board does not state its ranges, and no {NAME} lies in its folder; give --gyro-fs DPS --accel-fs G"
         )
     return file.assumed

@@ -16,29 +16,29 @@ from session.base.units import COUNTS, ENDINGS, NS_PER_S, STAMP_NS, TIME, WORDS,
 from session.log.layout import Triad, three
 from session.log.one_sensor import MOST_SENSORS, Form
 from session.log.standard import MOST_NAMES, parse_header, with_degrees
-from session.replay.clock import CLOCKS, SENSORS_HZ, TOLD, exact_ns, find_clock, holds_intervals
+from session.replay.clock import CLOCKS, GIVEN, SENSORS_HZ, exact_ns, find_clock, holds_intervals
 from session.replay.columns import DELIMITERS, Column, from_columns, split
 from session.replay.dialects import DIALECTS, OTHER, OWN, Dialect, TableLayout
 from session.replay.headings import name_and_unit, refuse_angles, spread, usual_columns
 from session.replay.options import Answers
 from session.replay.rows import FORMAT_WORD, Rows, Watch, place_of, refuse_kinds
 
-# From a file's first lines to a layout: which column is what, in which unit; or all that the file does not say.
+# From a file's first lines to a layout: which column is what, in which unit; or all that the file does not state.
 
 #: the option for any table
 HOW = "t_us=NAME,gx_dps=NAME,…,az_g=NAME"
 NUMBER = r"[-+]?(?:[0-9]++[.,]?[0-9]*+|[.,][0-9]++)(?:[eE][-+]?[0-9]++)?"
-#: stands where one of our own headers lacks the time
+#: stands where one of our own headers has no time
 NO_STAMPS = "t_us"
 NO_TIME = "its data rate, as it has no time stamps"
-#: where a unit is from, as people are told
+#: where a unit is from, in words
 BY_HEADER, DOCUMENTED = "header", "as that program documents"
 #: how well a header fits (the more the better), its line, delimiter, dialect or None for our own, {what: column}, names
 Match = tuple[tuple[int, int], int, str | None, Dialect | None, dict[str, Column], tuple[str, ...]]
 
 
 class UnknownColumnsError(FormatError):
-    """A table that does not say what its columns are: as its numbers look, ``--columns`` without units, or ""; stamped: whether one of
+    """A table that does not state what its columns are: as its numbers look, ``--columns`` without units, or ""; stamped: whether one of
     them is a clock; time_units: that are plausible for it, none for a time of day."""
 
     def __init__(self, where: str, text: str, columns: str = "", stamped: bool = False, time_units: tuple[str, ...] = ()):
@@ -50,10 +50,10 @@ class UnknownColumnsError(FormatError):
 
 
 def recognise(lines: list[str], name: str, answers: Answers, picking: str | None = None, form: str = "") -> TableLayout:
-    """The layout of a file that begins with these lines; picking: a column that tells several sensors apart; form: of lines that were
+    """The layout of a file that begins with these lines; picking: a column that separates several sensors; form: of lines that were
     made a table.
 
-    Raises FormatError, which names the option to give, and QuestionsError of all that the file does not say.
+    Raises FormatError, which names the option to give, and QuestionsError of all that the file does not state.
     """
     if answers.rows is None:
         refuse_kinds([line for line in lines if line.strip()], Form(name, None, (), (), header_line="not known yet"))
@@ -75,7 +75,7 @@ def recognise(lines: list[str], name: str, answers: Answers, picking: str | None
             refuse_angles((names[:MOST_NAMES] for _, _, _, names in _headers(lines)), name)
         if own is not None and (usual is None or any(own[1].count(name) > 1 for name in own[1])):
             number, names = own
-            parse_header(",".join(names), f"{name} line {number + 1}")  # says what is wrong with it
+            parse_header(",".join(names), f"{name} line {number + 1}")  # raises what is wrong with it
         if usual is None:
             raise _unknown(lines, name, form)
         found = usual
@@ -86,7 +86,7 @@ def recognise(lines: list[str], name: str, answers: Answers, picking: str | None
         known = [name_and_unit(text)[0] for text in names]
         for column, _, _ in columns.values():
             if (times := known.count(known[column])) > 1:
-                raise FormatError(f"{where}: the column {names[column]} stands {times} times; keep one, or say which by number, --columns")
+                raise FormatError(f"{where}: the column {names[column]} stands {times} times; keep one, or give its number, --columns")
     elif not columns:
         columns = _own_columns(names, f"{name} line {number + 1}")
         called = OWN if "t" in columns else OTHER  # its registers may be anyone's
@@ -108,7 +108,7 @@ def _like(text: str) -> Dialect | str:
 
 
 def _unknown(lines: list[str], name: str, form: str) -> UnknownColumnsError:
-    """The refusal of a log that says nothing of its columns, with the option that names them, ready to edit; form: of its lines."""
+    """The refusal of a log that states nothing of its columns, with the option that names them, ready to edit; form: of its lines."""
     where = f"{name}{f', {form}' if form else ''}"
     table = _suggested(lines)
     known = "no header of a log that is known (import --list)"
@@ -202,7 +202,7 @@ def _columns_of(dialect: Dialect, names: list[tuple[str, str]], file: str) -> di
         begins = "gyro" if letter == "g" else ("accel", "totalaccel")  # of the telephone, not of a watch or a headphone
         if all(name in at for name in triad) and not (dialect.by_file and not file.lower().startswith(begins)):
             places = {f"{letter}{axis}": at[name] for axis, name in zip("xyz", triad, strict=True)}
-            found |= {key: (column, said or unit, -1 if column in turned else 1) for key, (column, said) in places.items()}
+            found |= {key: (column, own or unit, -1 if column in turned else 1) for key, (column, own) in places.items()}
     if dialect.both and ("gx" in found) != ("ax" in found):
         return {}
     if dialect.temp and dialect.temp in at:
@@ -218,7 +218,7 @@ MOST_BESIDE = 3
 
 
 def _usual_matches(lines: list[str], name: str) -> Iterator[Match]:
-    """Headers of no dialect that say what their columns are."""
+    """Headers of no dialect that state what their columns are."""
     for number, both, delimiter, names in _headers(lines):
         columns = usual_columns(names[:MOST_NAMES], name)
         alone = bool(columns) and ("gx" in columns) != ("ax" in columns)
@@ -252,7 +252,7 @@ def _own_columns(names: tuple[str, ...], where: str) -> dict[str, Column]:
     return columns
 
 
-# The layout of what was found, with the person's answers in the place of what the file says.
+# The layout of what was found, with the person's answers in the place of what the file states.
 
 
 def _layout(
@@ -272,10 +272,10 @@ def _layout(
         key: (column, "", sign) if _is_no_register(word, column, delimiter, lines[first:]) else (column, word, sign)
         for key, (column, word, sign) in columns.items()
     }
-    # What ``key,value`` lines before the header say, quoted or not.
+    # What ``key,value`` lines before the header state, quoted or not.
     pairs = [[part.strip().strip('"') for part in line.split(",", 1)] for line in lines[: first - 1]]
-    said = {pair[0].lower(): pair[1] for pair in pairs if len(pair) == 2}
-    facts = dialect.facts(said) if dialect is not None and dialect.facts is not None else {}
+    header = {pair[0].lower(): pair[1] for pair in pairs if len(pair) == 2}
+    facts = dialect.facts(header) if dialect is not None and dialect.facts is not None else {}
     questions: list[Question] = []
     row = _first_row(lines[first:], delimiter)
     time_column, time_unit = columns["t"][:2] if "t" in columns else (None, "none")
@@ -291,7 +291,7 @@ def _layout(
             mine = Rows(answers.rows, f"{picking}={value or 0}", form)(lines[first:])
             if sum(bool(line.strip()) for line in mine) < 2 and len(lines) > first + MOST_SENSORS:
                 what = f"the column {picking!r} holds more than {MOST_SENSORS} values"
-                raise FormatError(f"{name}: {what}; give the column that tells the sensors apart")
+                raise FormatError(f"{name}: {what}; give the column that separates the sensors")
         Watch(mine, form)  # two sensors in turn have no clock that rises steadily
         rows = _rows(mine, delimiter)
         try:
@@ -311,9 +311,9 @@ def _layout(
     if time_column is not None and not answers.time_unit:
         terms = [columns[key] for key in sorted(columns) if re.fullmatch(r"t\d", key)]
         finer += tuple((column, int(unit_of("time", word, "--columns t=", name, questions).si or 1)) for column, word, _ in terms)
-    told = {"gyro": answers.gyro_unit, "accel": answers.accel_unit}
+    given_units = {"gyro": answers.gyro_unit, "accel": answers.accel_unit}
     triads = {
-        kind: _triad(columns, kind, told[kind] or facts.get(f"{kind}_unit"), axes, name, questions)
+        kind: _triad(columns, kind, given_units[kind] or facts.get(f"{kind}_unit"), axes, name, questions)
         for kind, axes in (("gyro", answers.gyro_axes), ("accel", answers.accel_axes))
     }
     temp = columns.get("temp")
@@ -336,7 +336,7 @@ def _layout(
         header_line=lines[first - 1].strip() if first else "",
         finer=finer,
         remark="" if clock is None else clock.description,
-        sources=({} if clock is None else {"time": clock.known}) | _sources(columns, names, answers, facts, told),
+        sources=({} if clock is None else {"time": clock.known}) | _sources(columns, names, answers, facts, given_units),
         intervals=time_column is not None and holds_intervals(_rows(lines[first:], delimiter), time_column, names),
         facts={key: value for key, value in facts.items() if not key.endswith("_unit")},
     )
@@ -347,22 +347,22 @@ def _rows(lines: list[str], delimiter: str | None) -> list[list[str]]:
 
 
 def _sources(
-    columns: dict[str, Column], names: tuple[str, ...], answers: Answers, facts: Mapping[str, str], told: Mapping[str, str | None]
+    columns: dict[str, Column], names: tuple[str, ...], answers: Answers, facts: Mapping[str, str], given_units: Mapping[str, str | None]
 ) -> dict[str, str]:
     """Where each unit is from."""
     found = {}
-    for kind, key, stated in (("time", "t", answers.time_unit), ("gyro", "gx", told["gyro"]), ("accel", "ax", told["accel"])):
+    for kind, key, stated in (("time", "t", answers.time_unit), ("gyro", "gx", given_units["gyro"]), ("accel", "ax", given_units["accel"])):
         if key not in columns:
             continue
         column, word, _ = columns[key]
         written = column < len(names) and (word in names[column] or word in COUNTS) and bool(word)
-        said = TOLD if stated or answers.columns else "its own lines before the header" if f"{kind}_unit" in facts else ""
-        found[kind] = said or (BY_HEADER if written else DOCUMENTED)
+        origin = GIVEN if stated or answers.columns else "its own lines before the header" if f"{kind}_unit" in facts else ""
+        found[kind] = origin or (BY_HEADER if written else DOCUMENTED)
     return found
 
 
 def _is_no_register(word: str, column: int, delimiter: str | None, lines: list[str]) -> bool:
-    """Whether a column that is taken for registers has fractions: it is in a unit that nobody named."""
+    """Whether a column that is taken for registers has fractions: it is in a unit that no one named."""
     if word not in COUNTS:
         return False
     cells = [row[column] for line in lines[:MOST_NAMES] if column < len(row := line.split("#")[0].split(delimiter))]
@@ -416,7 +416,7 @@ CHOICES = {
 }
 
 
-# ``--columns`` ready to edit, for a table that does not say what its columns are: filled with its own names, or its columns' numbers.
+# ``--columns`` ready to edit, for a table that does not state what its columns are: filled with its own names, or its columns' numbers.
 
 #: stands where a person puts the unit; nothing stands for registers
 UNIT = "UNIT"
@@ -432,14 +432,16 @@ def _suggested(lines: Sequence[str]) -> tuple[int, list[tuple[str, str, int]], l
     """Of a log that begins with these lines: how many columns, the entries of ``--columns`` (``gx``, ``UNIT``, column), the columns' names,
     and plausible units of the clock; None where they are no table.
 
-    The accelerometer is the triad that is as long as gravity, the gyroscope one beside it: a person looks at it and corrects it.
+    The accelerometer is the triad that is as long as gravity, the gyroscope one next to it: a person looks at it and corrects it.
     """
     values, clocks, names = max((_table(lines, delimiter) for delimiter in DELIMITERS), key=lambda table: table[0].size)
     count = values.shape[1]
     rises = [c for c in range(count) if (np.diff(values[:, c]) >= 0).all() and np.ptp(values[:, c]) > 0]
-    said = [c for c in rises if set(re.findall("[a-z]+", names[c].lower())) & set(CLOCKS)]
+    named = [c for c in rises if set(re.findall("[a-z]+", names[c].lower())) & set(CLOCKS)]
     # A board's own time before a time of day, which is the computer's, and both before what counts the rows.
-    time = next(iter((*said, *(c for c in rises if c not in clocks and (np.diff(values[:, c]) != 1).any()), *sorted(clocks), *rises)), None)
+    time = next(
+        iter((*named, *(c for c in rises if c not in clocks and (np.diff(values[:, c]) != 1).any()), *sorted(clocks), *rises)), None
+    )
     left = [c for c in range(count) if c not in (time, *clocks) and np.isfinite(values[:, c]).all()]
     triads = [c for c in left if {c + 1, c + 2} <= set(left)]
     lengths = {c: median_length(values[:, c : c + 3]) for c in triads}

@@ -1,7 +1,7 @@
-"""Rows of one sensor among others: told apart by the word or the width that they have, or by a column that says which sensor it was.
+"""Rows of one sensor among others: known by the word or the width that they have, or by a column that states which sensor it was.
 
 A text log may hold a flight controller's whole day (``IMU, …`` and ``ATT, …``), or two sensors in turn (a column ``I`` of 0 and 1).  Read
-as one sensor, every row of the others is a false reading.  So such a log is read where somebody says which rows, and else refused.
+as one sensor, every row of the others is a false reading.  So such a log is read where a person states which rows, and else refused.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ MOST_LINES = 10**12
 WIDER = 2
 
 
-def word_told(rows: str | None) -> str | None:
-    """The word that the wanted rows begin with, where ``--rows`` tells them by it."""
+def row_word(rows: str | None) -> str | None:
+    """The word that the wanted rows begin with, where ``--rows`` is one."""
     return None if rows is None or rows.isdigit() else rows
 
 
 def in_head(lines: list[str], kind: str | None) -> list[str]:
-    """A log's first lines with blanks in the place of other kinds' rows, of a kind that is told by its word; a line that describes the
+    """A log's first lines with blanks in the place of other kinds' rows, of a kind that is known by its word; a line that describes the
     kind becomes its header."""
     if kind is None:
         return lines
@@ -65,7 +65,7 @@ EMPTY_CELLS = ("", "nan", "null", "none", "na", "n/a", "-")
 
 
 def _holds(cells: Sequence[str], columns: Collection[int]) -> bool:
-    """Whether a row has a reading in any of the columns, or lacks the columns: then it is torn, which its reader says."""
+    """Whether a row has a reading in any of the columns, or does not have the columns: then it is torn, which its reader reports."""
     return any(column >= len(cells) or bare(cells[column]).lower() not in EMPTY_CELLS for column in columns)
 
 
@@ -86,7 +86,7 @@ class Rows:
         """rows: the word that the wanted ones begin with, or how many columns they have; where: ``NAME=VALUE``; held: columns, of which a
         row has a reading in one at least."""
         self._delimiter, self.left_out, self._held = form.delimiter, 0, held
-        self._word = word_told(rows)
+        self._word = row_word(rows)
         self._width = None if rows is None or self._word else int(rows)
         self._column, self._value = None, ""
         if where is not None:
@@ -120,7 +120,7 @@ class Watch(one_sensor.Watch):
     """Refuses rows of several kinds as well."""
 
     def __init__(self, lines: list[str], form: Form):
-        """lines: the first rows that are wanted.  Raises FormatError, which says which rows there are and how to pick one kind."""
+        """lines: the first rows that are wanted.  Raises FormatError, which states which rows there are and how to pick one kind."""
         rows = form.rows(lines)
         refuse_kinds(rows, form)
         cells = [row.split(form.delimiter) for row in rows]

@@ -63,22 +63,22 @@ def sources_of(paths: Sequence[Path], answers: Answers, columns: Sequence[str] =
     """The sources of some files; what is unpacked for them is removed behind the block.
 
     columns: a list of columns for each file, in their order; one is for all of them.  gyro_alone: whether no accelerometer is needed.
-    Raises FormatError, and QuestionsError of all that the files do not say.
+    Raises FormatError, and QuestionsError of all that the files do not state.
     """
     if len(columns) not in (0, 1, len(paths)):
         raise FormatError(f"--columns is given {len(columns)} times for {len(paths)} files; give it once, or once for each file")
     with ExitStack() as stack, budget(paths):
         found: list[Source] = []
-        asked: list[QuestionsError] = []
+        unanswered: list[QuestionsError] = []
         faults: list[FormatError] = []
         for place, path in enumerate(paths):
             own = replace(answers, columns=columns[place % len(columns)]) if columns else answers
             try:
                 found += _of_path(path, own, stack, faults)
             except QuestionsError as error:
-                asked.append(error)
-        if asked:
-            raise all_of(asked) if len(asked) > 1 else asked[0]
+                unanswered.append(error)
+        if unanswered:
+            raise all_of(unanswered) if len(unanswered) > 1 else unanswered[0]
         for kind, called in ("gyro", "gyroscope"), ("accel", "accelerometer"):
             needed = kind == "gyro" or not gyro_alone
             if needed and faults and all(getattr(source.layout, kind) is None for source in found):
@@ -120,7 +120,7 @@ def _binary(path: Path, head: bytes, like: str | None) -> Messages | Tables | No
     return reader
 
 
-#: as ``import --list`` calls a table of no program, whose header says what its columns are
+#: as ``import --list`` calls a table of no program, whose header states what its columns are
 BY_NAMES = "columns by their names"
 
 
@@ -162,7 +162,7 @@ def head_of(path: Path) -> bytes:
 SUFFIXES = (".csv", ".txt", ".tsv", ".log", ".jsonl", ".ndjson")
 #: files of such an export
 MOST_FILES = 200
-#: of what is wrong with files that are left out: how many are told of, and how much of each
+#: of what is wrong with files that are left out: how many are listed, and how much of each
 MOST_FAULTS, FAULT_LENGTH = 3, 140
 #: of a file's name: whose log it may be
 NAMED = {"gyro": "gyr", "accel": "acc"}
@@ -170,36 +170,36 @@ NAMED = {"gyro": "gyr", "accel": "acc"}
 
 def _of_folder(folder: Path, answers: Answers, faults: list[FormatError], called: str = "") -> list[Source]:
     """The sources among the files of a folder; what holds neither sensor is left out.  QuestionsError for what any of the others does not
-    say; what is wrong with those that are left out is added to ``faults``."""
+    state; what is wrong with those that are left out is added to ``faults``."""
     paths = sorted(path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES and path.is_file())[:MOST_FILES]
     found: list[Source] = []
-    asked: list[QuestionsError] = []
+    unanswered: list[QuestionsError] = []
     wrong: list[FormatError] = []
     for path in paths:
         try:
             found += _texts(path, answers)
         except QuestionsError as error:
-            asked.append(error)
+            unanswered.append(error)
         except FormatError as error:
             wrong.append(error)
-    if asked:
-        raise all_of(asked)
+    if unanswered:
+        raise all_of(unanswered)
     name = called or str(folder)
     if not paths:
         raise FormatError(f"{name}: cannot be read (it holds no {', '.join(SUFFIXES)}); give the log's file")
     if not found:
         what = f"none of its {len(paths)} text files holds a gyroscope or an accelerometer"
-        raise FormatError(f"{name}: {what} ({_said(wrong, '')}); give the files themselves")
+        raise FormatError(f"{name}: {what} ({_listed(wrong, '')}); give the files themselves")
     faults += wrong
     return found
 
 
 def _left_out(paths: Sequence[Path], kind: str, called: str, faults: Sequence[FormatError]) -> FormatError:
     """The complaint about a sensor that is missing where files were left out, perhaps its own."""
-    return FormatError(f"{', '.join(path.name for path in paths)}: no {called} in it; files were left out: {_said(faults, NAMED[kind])}")
+    return FormatError(f"{', '.join(path.name for path in paths)}: no {called} in it; files were left out: {_listed(faults, NAMED[kind])}")
 
 
-def _said(faults: Sequence[FormatError], first: str) -> str:
+def _listed(faults: Sequence[FormatError], first: str) -> str:
     """What is wrong with some of the files, those first whose name has this in it."""
     texts = sorted((str(fault) for fault in faults), key=lambda text: first not in text.split(" ")[0].lower())
     length = FAULT_LENGTH if len(texts) > 1 else MOST_FAULTS * FAULT_LENGTH
@@ -214,7 +214,7 @@ def _unpacked(path: Path, stack: ExitStack) -> Path:
     try:
         with zipfile.ZipFile(path) as archive:
             members = [each for each in archive.infolist() if Path(each.filename).suffix.lower() in SUFFIXES and not each.is_dir()]
-            # What a system puts beside its files when it packs them.
+            # What a system puts next to its files when it packs them.
             members = [each for each in members if not Path(each.filename).name.startswith("._")][:MOST_FILES]
             if sum(each.file_size for each in members) > MOST_ARCHIVE:
                 raise FormatError(f"{path.name}: its text files are larger than {MOST_ARCHIVE} bytes; unpack it, and give the files")
@@ -296,14 +296,14 @@ BY_DEFINITION = ("angular_velocity", "linear_acceleration")
 BY_FILE = "the file"
 
 
-def _chosen(path: Path, called: str, topics: Sequence[Topic], told: str | None) -> list[str]:
+def _chosen(path: Path, called: str, topics: Sequence[Topic], stated: str | None) -> list[str]:
     """The names of the topics that are meant: the one that holds both sensors, or one for each.  QuestionsError where that is unclear."""
     names = {topic.name: topic for topic in topics}
     listed = "; ".join(f"{topic.name}: {topic.rows} rows of {' and '.join(topic.holds)}" for topic in topics[:12])
     if not topics:
         raise FormatError(f"{path.name} ({called}): no gyroscope and no accelerometer in it")
-    if told is not None:
-        wanted = [name.strip() for name in told.split(",")]
+    if stated is not None:
+        wanted = [name.strip() for name in stated.split(",")]
         if missing := [name for name in wanted if name not in names]:
             raise FormatError(f"{path.name} ({called}): no topic {missing[0]!r} (--topic); it holds {listed}")
         return wanted
@@ -322,14 +322,14 @@ def _stream_source(path: Path, called: str, stream: Stream, answers: Answers) ->
     questions: list[Question] = []
     triads: dict[str, Triad | None] = {"gyro": None, "accel": None}
     names, sources = [stream.stamps or f"the stamps of {stream.name}"], {"time": BY_FILE}
-    for kind, told, axes in (("gyro", answers.gyro_unit, answers.gyro_axes), ("accel", answers.accel_unit, answers.accel_axes)):
+    for kind, stated, axes in (("gyro", answers.gyro_unit, answers.gyro_axes), ("accel", answers.accel_unit, answers.accel_axes)):
         part, first = stream.parts.get(kind), len(names)
         names += part.names if part and part.names else [f"{stream.name} {kind} {axis}" for axis in "xyz"]
         defined = called == "ULog" or any(name.startswith(BY_DEFINITION) for name in stream.columns)
-        sources[kind] = "as you say" if told else "as that message is defined" if defined else BY_FILE
+        sources[kind] = "as given" if stated else "as that message is defined" if defined else BY_FILE
         if part is not None:
             order, signs = parse_axes(axes, f"--{kind}-axes")
-            unit = unit_of(kind, told or part.unit, f"--{kind}-unit", path.name, questions)
+            unit = unit_of(kind, stated or part.unit, f"--{kind}-unit", path.name, questions)
             triads[kind] = Triad(three(first + each for each in order), three(signs), unit)
     temp = stream.parts.get("temp")
     temp_unit = None if temp is None else unit_of("temp", temp.unit or "c", "--columns temp_c=", path.name, questions)
@@ -427,7 +427,7 @@ def _tables(node: object, called: str, depth: int) -> Iterator[tuple[str, Iterat
 
 
 def _sensor(record: object) -> str:
-    """What a record says of whose it is."""
+    """Whose a record is, as it states."""
     items = record.items() if isinstance(record, dict) else ()
     return next((value for key, value in items if isinstance(value, str) and plain(key) in SENSORS), "")
 

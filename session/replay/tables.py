@@ -23,7 +23,7 @@ from session.replay.dialects import TableLayout
 from session.replay.forms import TORN, form_of
 from session.replay.options import Answers
 from session.replay.recognise import recognise
-from session.replay.rows import Rows, Watch, in_head, place_of, sensor_kinds, span_of, sparse, word_of, word_told
+from session.replay.rows import Rows, Watch, in_head, place_of, row_word, sensor_kinds, span_of, sparse, word_of
 
 #: characters that are looked through for the first rows of one kind: a flight controller writes its formats and parameters first
 MOST_HEAD = 16 * MB
@@ -36,7 +36,7 @@ class TableReader(Reader):
     else_do = "or count samples: --time-unit none --odr HZ"
 
     def __init__(self, path: Path, answers: Answers, picking: str | None = None, only: str | None = None):
-        """answers: what the log does not say.  picking: a column whose values tell several sensors apart, of which ``values_of`` gives
+        """answers: what the log does not state.  picking: a column whose values separate several sensors, of which ``values_of`` gives
         them.  only: the quantity that is read, one of ``parts``: those of a table that has no reading of a slower sensor in many of its
         rows.
 
@@ -69,14 +69,14 @@ class TableReader(Reader):
         picked = answers.rows, answers.where
         places, rows = {kind: own for kind, own, _ in layout.kinds}, Rows(*picked, columns)(head[layout.first :])
         self.parts = () if only or layout.time is None or self._stream else sparse(rows, columns, places)
-        lacks = ""
+        empty = ""
         if only is not None:
             lack = sum(map(bool, rows)) - sum(map(bool, Rows(*picked, columns, places[only])(rows)))
             cells = f"the cells of {', '.join(map(layout.name, places[only]))}"
-            lacks = f"{cells} are empty in {lack} of the first {sum(map(bool, rows))} rows: read as a log of its own" if lack else ""
+            empty = f"{cells} are empty in {lack} of the first {sum(map(bool, rows))} rows: read as a log of its own" if lack else ""
         self._wanted = Rows(*picked, columns, places[only] if only else ())
         self._go_by(layout if only is None else layout.only(only), Watch(rows, columns))
-        self.notes += [lacks] if lacks else []
+        self.notes += [empty] if empty else []
         if picking is None and answers.where is None and layout.time is not None:
             refuse_turns(head[layout.first :], layout.time, columns)
         self.picks_rows = any((*picked, answers.lines is not None))
@@ -106,14 +106,14 @@ class TableReader(Reader):
                         found[cell] = None
                 if len(found) > MOST_SENSORS:
                     raise FormatError(
-                        f"{self.path.name}: the column {name!r} holds more than {MOST_SENSORS} values; it tells no sensors apart"
+                        f"{self.path.name}: the column {name!r} holds more than {MOST_SENSORS} values; it separates no sensors"
                     )
                 number, lines = number + len(lines), file.take()
         return list(found)
 
     def _head_of(self, wanted: str | None) -> list[str]:
-        """The first lines, or, where the wanted rows are told by a word, those among which enough of them stand."""
-        word = word_told(wanted)
+        """The first lines, or, where the wanted rows begin with a word, those among which enough of them stand."""
+        word = row_word(wanted)
         begun, found, characters = False, 0 if word else HEAD_LINES, 0
 
         def is_enough(lines: list[str]) -> bool:

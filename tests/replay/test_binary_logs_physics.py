@@ -511,7 +511,7 @@ def test_rows_for_axes_are_turned(tmp_path):
     assert_array_equal(one(npz(tmp_path, t_us=T_NS // 1000, gyro=GYRO)).t_ns, T_NS)
     twice = one(npz(tmp_path, time=T_NS // 7, t_us=T_NS // 1000, gyro=GYRO))
     assert_array_equal(twice.t_ns, T_NS)
-    assert "of several times t_us is taken, which says its unit" in twice.notes
+    assert "of several times t_us is taken, which states its unit" in twice.notes
 
 
 def test_arrays_without_stamps_or_units_have_none_and_a_rate_where_it_stands(tmp_path):
@@ -524,7 +524,7 @@ def test_arrays_without_stamps_or_units_have_none_and_a_rate_where_it_stands(tmp
     [
         ({"one": GYRO, "two": ACCEL}, "is clear by name; it holds one (120, 3), two (120, 3)"),
         ({"gyro": GYRO, "gyr": GYRO}, "gyro and gyr may both be the gyro"),
-        ({"gyro": GYRO, "time": T_NS}, "does not say the unit of its time 'time'"),
+        ({"gyro": GYRO, "time": T_NS}, "does not state the unit of its time 'time'"),
         ({"gx_dps": GYRO[:, 0], "gy_rps": GYRO[:, 1], "gz_dps": GYRO[:, 2]}, "in different units (dps, rad/s)"),
         ({"gyro_x": GYRO[:, 0], "gyro_y": GYRO[:, 1]}, "is clear by name"),
         ({"label": np.array(["a", "b"])}, "it holds no arrays of numbers"),

@@ -246,7 +246,7 @@ def test_intervals_are_added_up(name, unit, known, tmp_path):
 def test_stamps_with_too_few_digits_or_a_rate_that_no_sensor_has_are_refused(tmp_path):
     with pytest.raises(tinygc.CalibrationError, match=r"too few digits.*write at least milliseconds"):
         make(tmp_path, log_of(FEW, "time_ms", (1.7e12 + FEW.t_s * 1e3).astype(np.float32).astype(int)))
-    with pytest.raises(FormatError, match=r"read as ns, its stamps say 105400 Hz, and no sensor has.*--time-unit s, ms, us or ns"):
+    with pytest.raises(FormatError, match=r"read as ns, its stamps show 105400 Hz, and no sensor has.*--time-unit s, ms, us or ns"):
         make(tmp_path, log_of(FEW, "t_ns", ticks(1e-6)), time_unit="ns")
 
 
@@ -376,7 +376,7 @@ def test_other_endings_are_read_from_archives_tables_by_any_name_and_a_ports_byt
     assert "gx, gy, gz registers (header), ±500 dps (session.toml)" in sensors
     assert clock.startswith(f"clock: t_us in us, the board's own; {1e6 / np.diff(t_us).mean():.4g} Hz for ")
     made = import_log([arrays_file(tmp_path / "y.npz")], tmp_path / "npz", Answers(like="numpy"))
-    assert made.took[0] == "y.npz: NumPy, as --like says"
+    assert made.took[0] == "y.npz: NumPy, by --like"
     assert "gyro_rps[0] to gyro_rps[2] in rad/s (the file)" in made.took[1]
 
 

@@ -206,7 +206,7 @@ def test_units_and_sensors_that_are_named_wrongly_are_read_by_physics_and_it_is_
 def test_what_a_person_states_stays_and_files_may_be_exchanged(tmp_path):
     """Where physics does not decide, as at rest, all is asked."""
     made, samples = made_of(tmp_path / "log.csv", table(S, MOVED.gyro, FORCES, PLAIN), gyro_unit="dps")
-    assert "in dps (as you" in made.took[1]
+    assert "in dps (as given)" in made.took[1]
     np.testing.assert_allclose(samples.gyro, MOVED.gyro * DEG, atol=1e-9)
     for name, values, unit in (("Gyroscope", MOVED.accel, "rad/s"), ("Accelerometer", MOVED.gyro, "m/s^2")):
         names = [f"Time (s),{name} x ({unit}),{name} y ({unit}),{name} z ({unit})"]

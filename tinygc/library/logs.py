@@ -248,8 +248,8 @@ def session_of_table(table: Any) -> Session:
     """The session of a table that states its units, or whose units physics shows.  Raises what ``read_log`` does."""
     try:
         return read_log(table).session()
-    except QuestionsError as asked:
-        raise FormatError(f"{asked}, all to tinygc.read_log(data, …).session()") from None
+    except QuestionsError as cause:
+        raise FormatError(f"{cause}, all to tinygc.read_log(data, …).session()") from None
 
 
 def session_or_folder(session: Any) -> Session | Path:

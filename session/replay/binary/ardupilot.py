@@ -1,7 +1,7 @@
 """ArduPilot's dataflash logs (``.BIN``), which describe themselves, by a small reader of our own.
 
 pymavlink reads them, too.  It is LGPL-3.0, brings lxml, and holds a Python object for each message; the format is short enough to be read
-here.  Each message is ``A3 95``, its type, and numbers; ``FMT`` messages say of each type its length, its letters for the numbers and their
+here.  Each message is ``A3 95``, its type, and numbers; ``FMT`` messages give each type's length, letters for the numbers and their
 names, and ``FMTU``, ``UNIT`` and ``MULT`` the units (https://ardupilot.org/dev/docs/code-overview-adding-a-new-log-message.html).
 """
 
@@ -161,21 +161,21 @@ class _Log:
         """A message that describes others: damaged ones change nothing."""
         try:
             row = np.frombuffer(body, kind.dtype, 1)[0]
-            said = {name: row[name] for name in kind.columns}
-            text = {name: bytes(value).split(b"\0")[0].decode("ascii") for name, value in said.items() if isinstance(value, bytes)}
+            cells = {name: row[name] for name in kind.columns}
+            text = {name: bytes(value).split(b"\0")[0].decode("ascii") for name, value in cells.items() if isinstance(value, bytes)}
             if kind.name == "FMT":
-                made = _Type(text["Name"], int(said["Length"]), text["Format"], tuple(filter(None, text["Columns"].split(","))))
-                number = int(said["Type"])
+                made = _Type(text["Name"], int(cells["Length"]), text["Format"], tuple(filter(None, text["Columns"].split(","))))
+                number = int(cells["Type"])
                 if number != FMT and made.length > 3 and (number not in self.types or self.types[number].name == made.name):
                     made.data = self.types[number].data if number in self.types else made.data
                     self.types[number] = made
             elif kind.name == "FMTU":
-                of = self.types[int(said["FmtType"])]
+                of = self.types[int(cells["FmtType"])]
                 of.units, of.multipliers = text["UnitIds"], text["MultIds"]
             elif kind.name == "UNIT":
-                self.units[chr(int(said["Id"]))] = text["Label"]
+                self.units[chr(int(cells["Id"]))] = text["Label"]
             else:
-                self.multipliers[chr(int(said["Id"]))] = float(said["Mult"])
+                self.multipliers[chr(int(cells["Id"]))] = float(cells["Mult"])
         except (ValueError, KeyError, TypeError, IndexError):
             return
 
@@ -201,7 +201,7 @@ def _streams(kind: _Type, log: _Log, names: Sequence[str]) -> Iterator[Stream]:
 
 
 def _part(what: str, kind: _Type, log: _Log, rows: np.ndarray, notes: list[str]) -> Part | None:
-    """As written, in the unit that FMTU and UNIT say, else as ArduPilot documents it; None where its columns are not there."""
+    """As written, in the unit that FMTU and UNIT state, else as ArduPilot documents it; None where its columns are not there."""
     names, unit = QUANTITIES[what]
     if not set(names) <= set(kind.columns):
         return None

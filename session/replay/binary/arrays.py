@@ -22,10 +22,10 @@ from session.replay.binary.source import Format, Part, Stream, Topic, one_line, 
 from session.replay.columns import parse_columns
 from session.replay.named import Meaning, meaning
 
-#: keys of ``--columns`` here: arrays beside the single columns of a text log
+#: keys of ``--columns`` here: arrays next to the single columns of a text log
 KEY = re.compile(r"(t|gyro|accel|g[xyz]|a[xyz]|temp)(?:_(\S+))?")
 EXPECTED = "expected t_s=NAME,gyro_dps=NAME,accel_mps2=NAME of arrays (N, 3), or t_s=NAME,gx_dps=NAME,…,az_g=NAME of columns"
-#: names of a rate in Hz beside the arrays
+#: names of a rate in Hz next to the arrays
 RATES = ("sampling_rate", "sample_rate", "samplingrate", "samplerate", "fs", "odr", "odr_hz", "rate_hz", "sampling_frequency")
 #: stamps that are converted at once
 AT_ONCE = 1 << 16
@@ -35,7 +35,7 @@ MOST_LISTED = 12
 
 @dataclass(frozen=True)
 class Array:
-    """One array or column of a file: name with its groups, shape, NumPy's type, unit as an attribute says it."""
+    """One array or column of a file: name with its groups, shape, NumPy's type, unit as an attribute states it."""
 
     name: str
     shape: tuple[int, ...]
@@ -88,8 +88,8 @@ class Plan:
 
 @dataclass(frozen=True)
 class Opened:
-    """An open file: its arrays; values: of the names that are wanted, what reads an array by its name; rate_hz where it says one; notes;
-    words: the file, where more is to be said of it than its format."""
+    """An open file: its arrays; values: of the names that are wanted, what reads an array by its name; rate_hz where it states one; notes;
+    words: the file, where more is known of it than its format."""
 
     arrays: Sequence[Array]
     values: Callable[[set[str]], Callable[[str], np.ndarray]]
@@ -100,7 +100,7 @@ class Opened:
 
 @dataclass(frozen=True)
 class Tables(Format):
-    """A format of arrays of any name, of which only those are read that are asked for."""
+    """A format of arrays of any name, of which only those are read that are requested."""
 
     opened: Callable[[Path], AbstractContextManager[Opened]]
 
@@ -146,9 +146,9 @@ def _listed(arrays: Iterable[Array]) -> str:
 
 def _clear(path: Path, what: str, arrays: Sequence[Array]) -> list[Plan]:
     """The streams that names and shapes make clear."""
-    said = [(array, found) for array in arrays if (found := meaning(array.name, array.unit)) is not None]
+    meanings = [(array, found) for array in arrays if (found := meaning(array.name, array.unit)) is not None]
     groups: dict[tuple[str, str], list[tuple[Array, Meaning]]] = {}
-    for array, found in said:
+    for array, found in meanings:
         if found.kind in ("gyro", "accel") and array.is_triad:
             of = found.of if found.axis is None else f"{found.of}.{found.axis}".strip(".")  # gyro0: the first of several
             groups.setdefault((found.kind, of), []).append((array, found))
@@ -160,7 +160,7 @@ def _clear(path: Path, what: str, arrays: Sequence[Array]) -> list[Plan]:
         singles = sorted((member for member in members if not member[0].is_triad), key=lambda member: member[1].axis or 0)
         if len(triads) > 1:
             named = " and ".join(array.name for array, _ in triads)
-            raise FormatError(f"{path}: {what} in which {named} may both be the {key[0]}; say which, --columns {EXPECTED}")
+            raise FormatError(f"{path}: {what} in which {named} may both be the {key[0]}; state which, --columns {EXPECTED}")
         if triads:
             whole[key] = (triads[0][0],), triads[0][1].unit
         elif [found.axis for _, found in singles] == [0, 1, 2] and len({array.rows for array, _ in singles}) == 1:
@@ -183,11 +183,13 @@ def _clear(path: Path, what: str, arrays: Sequence[Array]) -> list[Plan]:
             used.add(other)
         rows = arrays[0].rows
         temps = [
-            (array, found) for array, found in said if found.kind == "temp" and array.is_column and array.rows == rows and found.of == of
+            (array, found)
+            for array, found in meanings
+            if found.kind == "temp" and array.is_column and array.rows == rows and found.of == of
         ]
         if len(temps) == 1:
             parts["temp"], in_units["temp"] = (temps[0][0],), temps[0][1].unit
-        t, t_unit, note = _time(path, what, rows, of, said)
+        t, t_unit, note = _time(path, what, rows, of, meanings)
         parts = {key: parts[key] for key in ("gyro", "accel", "temp") if key in parts}
         name = of or ("imu" if len(parts) - ("temp" in parts) > 1 else kind)
         made.append(Plan(name, parts, in_units, {key: (1, 1, 1) for key in parts}, t, t_unit, (note,) if note else ()))
@@ -201,25 +203,25 @@ def _clear(path: Path, what: str, arrays: Sequence[Array]) -> list[Plan]:
     ]
 
 
-def _time(path: Path, what: str, rows: int, of: str, said: Sequence[tuple[Array, Meaning]]) -> tuple[Array | None, str, str]:
+def _time(path: Path, what: str, rows: int, of: str, meanings: Sequence[tuple[Array, Meaning]]) -> tuple[Array | None, str, str]:
     """The stamps of a stream of this length and group: those of its group, else those of the whole file."""
-    there = [(array, found) for array, found in said if found.kind == "time" and array.is_column and array.rows == rows]
+    there = [(array, found) for array, found in meanings if found.kind == "time" and array.is_column and array.rows == rows]
     near = [entry for entry in there if entry[1].of == of] or [entry for entry in there if not entry[1].of] or there
     stated = [entry for entry in near if entry[1].unit or entry[0].dtype.kind == "M"]
     if not near:
         return None, "", ""
     if len(near) > 1 and len(stated) != 1:
         named = " and ".join(array.name for array, _ in near)
-        raise FormatError(f"{path}: {what} in which {named} may both be the time; say which, --columns {EXPECTED}")
+        raise FormatError(f"{path}: {what} in which {named} may both be the time; state which, --columns {EXPECTED}")
     array, found = (stated or near)[0]
     if array.dtype.kind != "M" and not found.unit:
         raise FormatError(
-            f"{path}: {what} that does not say the unit of its time {array.name!r}; say it, --columns t_s={array.name},…; {EXPECTED}"
+            f"{path}: {what} that does not state the unit of its time {array.name!r}; state it, --columns t_s={array.name},…; {EXPECTED}"
         )
     return (
         array,
         "ns" if array.dtype.kind == "M" else found.unit,
-        f"of several times {array.name} is taken, which says its unit" if len(near) > 1 else "",
+        f"of several times {array.name} is taken, which states its unit" if len(near) > 1 else "",
     )
 
 
@@ -276,8 +278,8 @@ def _stated(path: Path, arrays: Sequence[Array], text: str) -> Plan:
 # Reading.
 
 
-def _stream(path: Path, plan: Plan, values: Callable[[str], np.ndarray], rate_hz: float | None, said: Sequence[str]) -> Stream:
-    notes = [*said, *plan.notes]
+def _stream(path: Path, plan: Plan, values: Callable[[str], np.ndarray], rate_hz: float | None, remarks: Sequence[str]) -> Stream:
+    notes = [*remarks, *plan.notes]
     read: dict[str, Part] = {}
     for kind, arrays in plan.parts.items():
         names, made = tuple(array.name for array in arrays), np.empty(plan.rows if kind == "temp" else (plan.rows, 3))
@@ -288,7 +290,7 @@ def _stream(path: Path, plan: Plan, values: Callable[[str], np.ndarray], rate_hz
             names, whole = tuple(f"{names[0]}[{axis}]" for axis in range(3)), np.asarray(values(names[0]))
             if whole.shape != arrays[0].shape:
                 raise FormatError(
-                    f"{path}: {arrays[0].name} has the shape {whole.shape}, and its head says {arrays[0].shape}; copy it again"
+                    f"{path}: {arrays[0].name} has the shape {whole.shape}, and its head states {arrays[0].shape}; copy it again"
                 )
             if whole.shape[1] != 3:
                 whole = whole.T
@@ -306,7 +308,7 @@ def _column(path: Path, array: Array, values: np.ndarray) -> np.ndarray:
     """(N,) as they are."""
     flat = np.asarray(values).ravel()
     if len(flat) != array.rows:
-        raise FormatError(f"{path}: {array.name} has {len(flat)} values, and its head says {array.rows}; copy it again")
+        raise FormatError(f"{path}: {array.name} has {len(flat)} values, and its head states {array.rows}; copy it again")
     return flat
 
 

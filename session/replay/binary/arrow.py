@@ -30,7 +30,7 @@ def _opened(path: Path) -> Iterator[Opened]:
 
 
 class _Table:
-    """Columns of a file, none of which is read before it is asked for, and then some rows at a time."""
+    """Columns of a file, none of which is read before it is requested, and then some rows at a time."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -100,7 +100,7 @@ class _Table:
             if is_list and (part.null_count or len(flat) != 3 * len(part)):
                 raise FormatError(f"{self._path}: {name} does not hold three numbers in each row; give its columns apart")
             if rows > self._rows:
-                raise FormatError(f"{self._path}: {name} has more rows than the file's head says; copy it again")
+                raise FormatError(f"{self._path}: {name} has more rows than the file's head states; copy it again")
             grown.add(flat.reshape(-1, 3) if is_list else flat)
         return grown.rows()
 
@@ -156,8 +156,8 @@ def _array(field: Any, rows: int) -> Array | None:
         dtype = np.dtype(kind.to_pandas_dtype())
     except (NotImplementedError, TypeError):
         dtype = np.dtype("M8[ns]") if str(kind).startswith("timestamp") else np.dtype(object)
-    said = field.metadata or {}
-    unit = next((said[key] for key in (b"units", b"unit") if key in said), b"").decode("utf-8", "replace")
+    facts = field.metadata or {}
+    unit = next((facts[key] for key in (b"units", b"unit") if key in facts), b"").decode("utf-8", "replace")
     return None if dtype.kind not in "iufM" else Array(field.name, (rows, 3) if _is_list(field.type) else (rows,), dtype, unit)
 
 

@@ -47,7 +47,7 @@ FIELDS = {"gyro": "gyroADC[{}]", "unfiltered": "gyroUnfilt[{}]", "accel": "accSm
 
 @contextlib.contextmanager
 def _silent() -> Iterator[None]:
-    """orangebox logs each damaged frame; nobody here reads that."""
+    """orangebox logs each damaged frame; nothing here reads that."""
     logger = logging.getLogger("orangebox")
     before = logger.level
     logger.setLevel(logging.CRITICAL + 1)
@@ -66,7 +66,7 @@ def _read(path: Path, names: Sequence[str]) -> list[Stream]:
     held: list[Stream] = []
     problems: list[str] = []
     with one_line(path, "a blackbox log"), _silent():
-        _mend_defaults(orangebox)
+        _set_defaults(orangebox)
         reader = orangebox.reader.Reader(str(path), allow_invalid_header=True)
         _require_headers(path, read_bytes(path, size), reader.log_pointers)
         for number in range(1, reader.log_count + 1):
@@ -84,8 +84,8 @@ def _read(path: Path, names: Sequence[str]) -> list[Stream]:
     return held
 
 
-def _mend_defaults(orangebox: Any) -> None:
-    """What orangebox takes for a line that a header lacks: class properties up to its 0.4.0, which Python 3.13 has no more."""
+def _set_defaults(orangebox: Any) -> None:
+    """What orangebox takes for a line that a header does not have: class properties up to its 0.4.0, which Python 3.13 has no more."""
     defaults = orangebox.reader.HeaderDefaults
     for name in dir(defaults):
         made = getattr(getattr(defaults, name), "__func__", None)
@@ -136,7 +136,7 @@ def _log(path: Path, number: int, orangebox: Any) -> list[Stream]:
     except FormatError:
         raise
     except Exception as error:
-        # orangebox runs out of bytes where a log has no end mark, and nothing tells whether frames are missing behind the last one
+        # orangebox runs out of bytes where a log has no end mark, and nothing shows whether frames are missing behind the last one
         notes.append(
             f"{name} has no end mark: it is read up to byte {reader.tell()} of its {len(reader)} ({len(rows)} frames; {reason(error)})"
         )
@@ -180,7 +180,7 @@ def _steps(path: Path, reader: Any, loops: int) -> Iterator[int | None]:
 
 
 class _Header(NamedTuple):
-    """What a log's header says: units of one count, full scale of the accelerometer in g, and notes."""
+    """What a log's header states: units of one count, full scale of the accelerometer in g, and notes."""
 
     gyro_unit: str
     accel_unit: str
@@ -193,7 +193,7 @@ def _header(headers: dict[str, Any]) -> _Header:
 
     ``gyro_scale`` is the bits of a float, dps per count; ``acc_1G`` is counts per g.
     """
-    notes = [f"the gyroscope's full scale of {ASSUMED_FS_DPS:g} dps is assumed: Betaflight's drivers set it, and no header says it"]
+    notes = [f"the gyroscope's full scale of {ASSUMED_FS_DPS:g} dps is assumed: Betaflight's drivers set it, and no header states it"]
     scale, one_g = headers.get("gyro_scale", headers.get("gyro.scale")), headers.get("acc_1G")
     gyro_unit, accel_unit, accel_fs_g = "", "", None
     if scale is not None:

@@ -43,7 +43,7 @@ def _opened(path: Path) -> Iterator[Opened]:
         def value(name: str) -> np.ndarray:
             dataset, _, column = name.rpartition(".") if name not in file else (name, "", "")
             stored = file[dataset]
-            if stored.chunks is not None:  # a chunk is unpacked whole, beside its packed bytes
+            if stored.chunks is not None:  # a chunk is unpacked whole, next to its packed bytes
                 current().need(path, 2 * math.prod(stored.chunks) * stored.dtype.itemsize)
             return np.asarray(stored[column] if column else stored[()])
 

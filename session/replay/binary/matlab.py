@@ -70,7 +70,7 @@ def _opened(path: Path) -> Iterator[Opened]:
 
 
 def _unit(name: str, texts: dict[str, str]) -> str:
-    """A text beside an array that names its unit: ``gyro_units``, ``imu.units.gyro``."""
+    """A text next to an array that names its unit: ``gyro_units``, ``imu.units.gyro``."""
     group, _, last = name.rpartition(".")
     near = [f"{name}_{word}" for word in ("unit", "units")] + [f"{group}.{word}.{last}".lstrip(".") for word in ("unit", "units")]
     return next((texts[key] for key in near if key in texts), "")

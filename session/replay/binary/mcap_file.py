@@ -141,7 +141,7 @@ def _begun(path: Path, compression: str, packed: bytes) -> bytes:
 
 
 def unpacked(path: Path, compression: str, data: bytes, most: int | None = None) -> bytes:
-    """Bytes that were packed as zstd or lz4, or not; most: what they say that they unpack to.
+    """Bytes that were packed as zstd or lz4, or not; most: what they state that they unpack to.
 
     ValueError for another compression, and for more than that or than one chunk may have; FormatError beyond the budget.
     """

@@ -110,7 +110,7 @@ class Layout:
         return struct.Struct(text)
 
     def _walk(self, definitions: dict[str, Any], name: str, prefix: str, above: tuple[str, ...]) -> None:
-        """Write out the fields of a type, as far as their places can be told."""
+        """Write out the fields of a type, as far as their places are known."""
         if name in above or name not in definitions:
             raise ValueError(f"{name} is not defined" if name not in above else f"{name} holds itself")
         for field, (node, value) in definitions[name][1]:
@@ -125,7 +125,7 @@ class Layout:
                     if kind == "BASE" and value[0] in LETTERS:
                         self._parts += [LETTERS[value[0]], []]
                     else:
-                        self._readable = False  # its length cannot be told without reading each element
+                        self._readable = False  # its length is not known without reading each element
                     continue
             for i in range(count):
                 path = f"{prefix}{field}" + (f"[{i}]" if node.name == "ARRAY" else "")
@@ -175,7 +175,7 @@ def layout_of(path: Path, name: str, text: str, idl: bool = False, ros1: bool = 
 @dataclass(frozen=True)
 class Fields:
     """parts: paths of a quantity's numbers, x, y, z of the gyroscope and of the accelerometer, and its unit; of the stamp, and its ns per
-    unit; of a covariance's first number, -1 where a message says that it does not hold the quantity."""
+    unit; of a covariance's first number, -1 where a message states that it does not hold the quantity."""
 
     parts: Mapping[str, tuple[tuple[str, ...], str]]
     stamp: tuple[tuple[str, int], ...]
@@ -218,12 +218,12 @@ def fields_of(paths: Sequence[str], kind: str) -> Fields | None:
     """
     if NO_SENSOR.search(kind):
         return None
-    found, meanings = triads(paths), {path: said for path in paths if (said := meaning(path)) is not None}
+    found, meanings = triads(paths), {path: parsed for path in paths if (parsed := meaning(path)) is not None}
     first = {what: names for (what, _), names in reversed(found.items())}
     named: dict[str, tuple[str, ...]] = {what: first[what] for what in ("gyro", "accel") if what in first}
     if not named:
         return None
-    if (temp := next((path for path, said in meanings.items() if said.kind == "temp"), None)) is not None:
+    if (temp := next((path for path, parsed in meanings.items() if parsed.kind == "temp"), None)) is not None:
         named["temp"] = (temp,)
     stamp: tuple[tuple[str, int], ...] = next((((sec, NS_PER_S), (nsec, 1)) for sec, nsec in PAIRS if sec in paths and nsec in paths), ())
     if not stamp:
@@ -286,10 +286,10 @@ class Topic:
         return len(self._rows)
 
     def stream(self, notes: Sequence[str]) -> Stream | None:
-        """What was read; a quantity that every message says it lacks, or holds as zeros, is none.  None where nothing is left."""
-        said = list(notes)
+        """What was read; a quantity that no message has, or holds as zeros, is none.  None where nothing is left."""
+        remarks = list(notes)
         if self.damaged:
-            said.append(f"{self.damaged} damaged messages are left out, {len(self)} were read")
+            remarks.append(f"{self.damaged} damaged messages are left out, {len(self)} were read")
         values, fields = self._rows.values, self.fields
         absent = {what for (what, _), count in zip(fields.absent, self._absent, strict=True) if count == len(self)}
         parts, first = {}, 0
@@ -303,9 +303,9 @@ class Topic:
         if not {"gyro", "accel"} & set(parts):
             return None
         t_ns, note = _stamps(self._rows.t_ns, self._logged.t_ns, bool(fields.stamp))
-        said += [note] if note else []
+        remarks += [note] if note else []
         frame = "the frame of its header's frame_id" if self.kind == IMU else ""
-        return Stream(self.name, t_ns, parts, frame=frame, notes=tuple(said), columns=tuple(fields.paths))
+        return Stream(self.name, t_ns, parts, frame=frame, notes=tuple(remarks), columns=tuple(fields.paths))
 
 
 def _stamps(own: np.ndarray, logged: np.ndarray, stamped: bool) -> tuple[np.ndarray, str]:
@@ -379,7 +379,7 @@ class Bag:
 
     def topic(self, name: str, kind: str, layout: Callable[[], Layout | JsonLayout], unpack: Unpack = bytes) -> Topic | None:
         """A topic of messages of this type, which ``unpack`` may have to unpack first; None where it is not wanted or holds no IMU, and
-        with a note where its layout cannot be told."""
+        with a note where its layout is not known."""
         if self.names and name not in self.names:
             return None
         if name not in self.topics:
@@ -402,6 +402,6 @@ class Bag:
         if not held:
             there = f"; its topics are {', '.join(sorted(self.seen)[:20])[:200]}" if self.seen else ""
             why = f" ({'; '.join(self.notes[:20])[:300]})" if self.notes else ""
-            lacks = f"the topic {self.names[0]}" if self.names else f"a topic of {IMU.replace('/msg', '')} or the like"
-            raise FormatError(f"{path}: {what} without {lacks} that can be read{why}{there}")
+            missing = f"the topic {self.names[0]}" if self.names else f"a topic of {IMU.replace('/msg', '')} or the like"
+            raise FormatError(f"{path}: {what} without {missing} that can be read{why}{there}")
         return held

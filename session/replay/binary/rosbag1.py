@@ -22,9 +22,9 @@ from session.replay.binary.source import Cut, DamagedChunks, Messages, Source, S
 PACKAGE = "rosbags"
 MAGIC = b"#ROSBAG V2.0\n"
 MESSAGE, CHUNK, CONNECTION = 2, 5, 7
-#: beside these the bag's head, and parts of its index
+#: next to these the bag's head, and parts of its index
 KNOWN = (MESSAGE, 3, 4, CHUNK, 6, CONNECTION)
-#: after so many notes on damage the rest goes without saying
+#: after so many notes on damage the rest is left out
 MOST_NOTES = 20
 
 

@@ -43,9 +43,9 @@ def _read(path: Path, names: Sequence[str]) -> list[Stream]:
     """The streams of these topics, over all files of the bag; of all that hold an IMU for no name.  FormatError where none does."""
     bag = Bag(path, names)
     for bag.path in _files(path):
-        told, bag.notes = bag.notes, []
+        earlier, bag.notes = bag.notes, []
         (mcap_file.walk if bag.path.suffix == ".mcap" else _walk)(bag)
-        bag.notes = told + [f"{bag.path.name}: {note}" if path.is_dir() else note for note in bag.notes]
+        bag.notes = earlier + [f"{bag.path.name}: {note}" if path.is_dir() else note for note in bag.notes]
     return bag.streams(path, "a ROS 2 bag")
 
 

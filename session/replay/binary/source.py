@@ -26,7 +26,7 @@ class Part:
     """Readings of one quantity.
 
     values (N, 3), of a temperature (N,), float64 as written; unit: a word of ``session.base.units`` (``rad/s``, ``dps``, ``lsb``,
-    ``0.061dps``), ``""`` where the file does not say; names of x, y and z in the file, none where it calls them otherwise; full_scale, dps
+    ``0.061dps``), ``""`` where the file has none; names of x, y and z in the file, none where it calls them otherwise; full_scale, dps
     or g, where the file states it.
     """
 
@@ -102,7 +102,7 @@ def one_line(path: Path, what: str) -> Iterator[None]:
 
 
 def reason(error: Exception) -> str:
-    """What a library says of a fault, on one line."""
+    """What a library reports of a fault, on one line."""
     return " ".join(f"{type(error).__name__}: {error}".split())[:120].removesuffix(": ")
 
 
@@ -176,7 +176,7 @@ class Source(BufferedIOBase):
         self.size = os.fstat(self._file.fileno()).st_size
         self.strict, self.budget = strict, budget
         self._allowed = current()
-        #: whether the last read found fewer bytes than it asked for, and some
+        #: whether the last read found fewer bytes than it requested, and some
         self.short = False
 
     def read(self, size: int | None = -1, /) -> bytes:
@@ -233,7 +233,7 @@ class DamagedChunks:
 
     @property
     def notes(self) -> list[str]:
-        """What to say of them."""
+        """What to report of them."""
         if self._count == 0:
             return []
         each = "a damaged chunk is" if self._count == 1 else f"{self._count} damaged chunks are"
@@ -273,7 +273,7 @@ class Rows:
 
 
 def microseconds(stamps: np.ndarray, notes: list[str]) -> tuple[np.ndarray, np.ndarray]:
-    """Stamps (N,) in whole us as t_ns (M,) int64, and which rows (N,) they are of; rows without a possible stamp are left out, and said."""
+    """Stamps (N,) in whole us as t_ns (M,) int64, and which rows (N,) they are of; rows without a possible stamp are left out."""
     possible = stamps < np.uint64(2**53) if stamps.dtype.kind == "u" else (stamps >= 0) & (stamps < 2**53)
     if lost := np.count_nonzero(~possible):
         notes.append(f"{lost} rows with stamps that are no time are left out: the file is damaged there")

@@ -1,7 +1,7 @@
 """ULog, the logs of PX4 (https://docs.px4.io/main/en/dev_log/ulog_file_format.html), read by pyulog.
 
 A file defines its messages, then holds them one after the other with stamps in us.  pyulog searches for the next whole message where bytes
-are damaged; what it found is read here, and the note says that it searched.
+are damaged; what it found is read here, and the note states that it searched.
 """
 
 from __future__ import annotations

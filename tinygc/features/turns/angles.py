@@ -4,7 +4,7 @@ Between two rests the table turns about one axis, which is fixed in the sensor: 
 reads rate * (1 + S) u.  The integral of the readings, less the bias, is the vector theta = angle * (1 + S) u: its direction is u but for
 S, and its length is angle * (1 + u' S u) but for S squared.  So the length needs no mounting: it shows the scale along the table's axis,
 however that leans in the sensor.  The component along the sensor's axis would have the cosine of the lean in it.  The scale along u
-differs from that of the sensor's own axis k by (S_kj + S_jk) u_j, which turns do not tell from a lean of the table (``axis_bound``).
+differs from that of the sensor's own axis k by (S_kj + S_jk) u_j, which turns do not separate from a lean of the table (``axis_bound``).
 
 The Earth's rotation and gravity have a constant component along a fixed axis, and go with the bias.
 
@@ -15,7 +15,7 @@ Terms of the variance of an angle over T seconds, by the name that the results h
                the other middle: a Brownian bridge
     white      N^2 T, N from the block means of all rests
     vibration  dt^2 n (s^2 - r^2), s the scatter of single readings while it turns, from their second differences, r at rest: a movement
-               faster than half the data rate is not seen, and each reading errs by itself, at most
+               faster than half the data rate is not seen, and each reading is wrong by itself, at most
     ends       the movement between the samples at which it begins and ends: sum of (second difference dt)^2 / 24, less what the scatter
                makes; a step of rate W gives (W dt)^2 / 12, a rectangular distribution over one interval
     rounding   T^2 (R_rest / 2 + R_turn): what rounding leaves in a mean of readings (``rests.py``).  The other half of R_rest is
@@ -40,7 +40,7 @@ from tinygc.features.turns.clock import SampleTimes, as_stamped, sample_times
 from tinygc.features.turns.folder import sensor_axis
 from tinygc.features.turns.rests import Movement, Rest, find_turns
 
-#: of the stated axis, from the measured one: as for turns beside gravity (docs/formats/logs.md)
+#: of the stated axis, from the measured one: as for turns next to gravity (docs/formats/logs.md)
 AXIS_WITHIN = 30 * DEG
 #: of a full scale: a reading beyond was clipped
 CLIPPED = 0.999
@@ -48,7 +48,7 @@ CLIPPED = 0.999
 OWN_SCATTER = 1e-3
 #: median of chi-square with one degree of freedom
 MEDIAN_CHI2 = 0.4549
-#: two readings of the stamps are told apart where turns repeat so many times worse, mean square: with 8 turns of one kind 2 in 100 by
+#: two readings of the stamps are separated where turns repeat so many times worse, mean square: with 8 turns of one kind 2 in 100 by
 #: chance, were the two independent (Fisher's F of 7 and 7 degrees of freedom)
 MUCH_WORSE = 5.0
 TERMS = ("rests", "drift", "white", "vibration", "ends", "rounding")

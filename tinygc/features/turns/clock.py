@@ -5,7 +5,7 @@ sample's time and a delay, which is never negative and does not last: what came 
 that are lost.
 
 Stamps that are closer than half a period may also be right: where many samples are lost, their mean distance is no period.  Stamps alone do
-not tell the two apart where few of both happen; which reading makes turns repeat does (``tinygc/features/turns/angles.py``).
+not separate the two where few of both happen; which reading makes turns repeat does (``tinygc/features/turns/angles.py``).
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 from session.base.units import NS
 from session.log.stamps import COARSE, WINDOW, lasting_gaps
 
-#: samples over which the period is measured, where there are four times as many: bursts are short beside
+#: samples over which the period is measured, where there are four times as many: bursts are short against them
 LAG = 512
 #: of a period: stamps that are closer were not taken so
 CLOSE = 0.5

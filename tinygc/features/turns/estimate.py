@@ -4,8 +4,8 @@
 
 A_i is the stated angle, v_i the gyroscope's own variance (``angles.py``), stop_i the sigma that turns.csv states, d_axis a rate that
 rounding hides.  ``play`` is an error that each turn has, whatever its angle: a table's backlash, a stop.  ``repeat`` is one that grows with
-the angle: the scale itself does not repeat.  Turns of several angles tell the two apart.  ``share`` is how much of the vibration that the
-data rate cannot follow is left in an angle: all of it if readings err independently, little if a motor's steps come evenly.
+the angle: the scale itself does not repeat.  Turns of several angles separate the two.  ``share`` is how much of the vibration that the
+data rate cannot follow is left in an angle: all of it if readings are wrong independently, little if a motor's steps come evenly.
 
 Play, repeat and share are not known: everything is averaged over a grid of them, each point weighed with its restricted likelihood (s and
 d integrated out, which is what REML maximises) and with a prior: perhaps none, else alike on a logarithmic scale, Jeffreys' prior of a
@@ -38,7 +38,7 @@ SCALE_SIGMA = 0.2
 #: times the known error: a play that is larger is less probable, and a turn that misses by more than the others is rather lost
 KNEE = 10.0
 #: of play, repeat and share of vibration: the probability before the data that there is any, as a table has play more often than a scale
-#: changes between two turns; sizes from and to, in units of the known error or of all the vibration; points of the grid, beside none
+#: changes between two turns; sizes from and to, in units of the known error or of all the vibration; points of the grid, and none
 PRIORS = ((0.8, (0.1, 200.0), 12), (0.2, (0.1, 200.0), 12), (0.8, (0.03, 1.0), 6))
 #: of the heaviest size: what weighs less is left out of the next, finer grid; how many grids there are
 NEGLIGIBLE, GRIDS = 1e-4, 3
@@ -250,8 +250,8 @@ def _sound(data: _Data) -> tuple[np.ndarray, np.ndarray, _Grid]:
         weighed = grid.prior + value
         total = logsumexp(weighed)
         without = logsumexp(weighed[:, None] - own_value, axis=0)
-        beside = logsumexp(weighed[:, None] + own_value, axis=0)
-        return float(total + lost[~good].sum()), np.where(good, total - without, beside - total) - lost
+        others = logsumexp(weighed[:, None] + own_value, axis=0)
+        return float(total + lost[~good].sum()), np.where(good, total - without, others - total) - lost
 
     def climbed(good: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
         evidence, each = odds(good)

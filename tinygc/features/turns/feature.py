@@ -45,13 +45,13 @@ def is_gyroscope_alone(folder: Path) -> bool:
 
     try:
         protocol = read_toml(folder / "session.toml").get("protocol") if (folder / "session.toml").exists() else None
-    except (FormatError, OSError):  # who reads the folder says it
+    except (FormatError, OSError):  # who reads the folder reports it
         return False
     return isinstance(protocol, dict) and protocol.get("reference") == TURNS
 
 
 def kind_of_folder(folder: Path) -> str | None:
-    """Say what the folder is, and what takes it."""
+    """State what the folder is, and what takes it."""
     if not is_gyroscope_alone(folder):
         return None
     return (

@@ -32,7 +32,7 @@ HEADER = "t_ns,gx_rps,gy_rps,gz_rps"
 def read_turn_session(folder: Path | str) -> Session:
     """Read a folder whose reference is turns of known angle; the specific force of its samples is NaN.
 
-    Closure runs, rest logs and dial readings beside the logs are not read.  Raises FormatError or DataError, which name file and line.
+    Closure runs, rest logs and dial readings next to the logs are not read.  Raises FormatError or DataError, which name file and line.
     """
     folder = Path(folder)
     if not folder.is_dir():

@@ -32,8 +32,8 @@ def import_turns(
 ) -> Imported:
     """A session folder of a gyroscope alone: a log of each file, and the turns of ``turns``, which name the files in their column log.
 
-    An accelerometer beside the gyroscope is left out.  Nothing is left behind where it fails.  Raises FormatError, DataError, and
-    QuestionsError for all that the logs do not say.
+    An accelerometer next to the gyroscope is left out.  Nothing is left behind where it fails.  Raises FormatError, DataError, and
+    QuestionsError for all that the logs do not state.
     """
     logs: list[GyroLog] = []
     notes: list[str] = []
@@ -50,12 +50,12 @@ def import_turns(
                 raise FormatError(f"{source.path.name} holds registers; of a gyroscope alone give what one count is, --gyro-unit 0.061dps")
             if source.path.name in names:
                 raise FormatError(f"two files are called {source.path.name}, and {turns.name} could mean either; rename one")
-            t_ns, written, said = rates_of(source, answers.odr_hz)
+            t_ns, written, remarks = rates_of(source, answers.odr_hz)
             later = np.diff(t_ns, prepend=t_ns[:1] - 1) > 0
             name = f"log{len(logs) + 1:04d}_{re.sub(r'[^A-Za-z0-9]+', '_', source.path.name.split('.csv')[0]).strip('_')}"
             names[source.path.name] = name
             logs.append(GyroLog(name, t_ns[later], written[later] * layout.gyro.unit.si))
-            notes += said
+            notes += remarks
             dialects.append(layout.dialect)
             used.append(source)
     if not logs:
@@ -88,9 +88,9 @@ def _took(used: Sequence[Source], logs: Sequence[GyroLog], answers: Answers, sen
     slow, fast = (f"{edge(rates_hz):.4g}" for edge in (min, max))
     duration_s = sum(float(log.t_ns[-1] - log.t_ns[0]) * NS for log in logs)
 
-    def each(said: Callable[[Source], str]) -> str:
-        """What is said of the files, each once."""
-        return " or ".join(dict.fromkeys(map(said, used)))
+    def each(text: Callable[[Source], str]) -> str:
+        """What is known of the files, each once."""
+        return " or ".join(dict.fromkeys(map(text, used)))
 
     return (
         f"{each(lambda source: program_text(source.layout, answers))}: {', '.join(places[:NAMED])}{more}",

@@ -341,7 +341,7 @@ def remarks(fit: TurnFit) -> list[str]:
         lines.append(
             "backlash of the table: not known, since turns of one sense take it up once; the play above is another error of each turn"
         )
-    lines.append("misalignments, and what follows gravity: not known, no turn tells them from the table's lean")
+    lines.append("misalignments, and what follows gravity: not known, no turn separates them from the table's lean")
     if (rate := fit.session.nominal_rate) is not None:
         lines.append(rate.doubt)
     if bursts := sum(log.times.bursts for log in fit.logs):

@@ -113,7 +113,7 @@ def test_jitter_is_what_a_stamp_misplaces():
     size, period_s = 2e-4, log.samples.period_s
     change = (samples.gyro[2:] - samples.gyro[:-2]) / 2
     angle = np.sqrt((change**2).sum(axis=0).max() / len(samples) * 5.0 / period_s) * size / DEG
-    assert float(jitter.description.split(" us rms")[0].split()[-1]) * 1e-6 == pytest.approx(size, rel=0.02)
+    assert float(jitter.description.split(" µs rms")[0].split()[-1]) * 1e-6 == pytest.approx(size, rel=0.02)
     # A line through 5 s on either side takes up what is slower: of so many samples, correlated as the movement is, some hundredths.
     assert float(jitter.description.split(" deg per turn")[0].split()[-1]) == pytest.approx(angle, rel=0.04, abs=5e-5)
     # Beside less noise it matters; where a row is missing and no gap says so, --even would refuse.

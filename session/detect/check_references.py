@@ -126,17 +126,17 @@ def with_own_accelerometer(session: Session, refit: bool = False, looked_at: Ses
         do = f"its errors become the gyroscope's; rest it on more sides, or {known}"
         return session, [Finding("warning", SESSION_FILE, ACCELEROMETER, f"{given}, but {why_not(own)}", do)]
     text = (
-        f"{given}: {own.rung.description} from {len(own.before)} stills in {own.attitudes} attitudes; "
-        f"gravity's spread {spread_mg(own.before):.2f} mg before, {spread_mg(own.after):.2f} mg after"
+        f"{given}: {own.rung.description} from {len(own.before)} stills in {own.attitudes} attitudes "
+        f"(gravity's spread {spread_mg(own.before):.2f} mg before, {spread_mg(own.after):.2f} mg after)"
     )
-    level, do = "note", f"they are of these very stills: {known}"
+    level, do = "note", "OK as it is; a certificate's numbers, where there are any, go into [accelerometer]"
     if own.unobserved:
         level, text = "warning", f"{text}; not observable: {', '.join(own.unobserved)}"
         do = f"rest it on edges and corners, too, or {known}"
     found = [Finding(level, SESSION_FILE, ACCELEROMETER, text, do), *_check_zero(own, config.sensor), *drift_finding(own.drift)]
     if config.site.gravity_mps2 is None:
-        text = "not given: the scale that all axes share is fitted to standard gravity, and known to 0.2 % (one sigma)"
-        found.append(Finding("note", SESSION_FILE, "site.gravity_mps2", text, "give local gravity, to 0.001 m/s², for a true scale"))
+        text = "standard gravity is taken, so that the accelerometer's scale is known to 0.2 %"
+        found.append(Finding("note", SESSION_FILE, "site.gravity_mps2", text, "optional: local gravity, to 0.001 m/s²"))
     return replace(session, config=replace(config, accelerometer=own.accelerometer)), found
 
 

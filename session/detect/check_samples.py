@@ -14,7 +14,7 @@ import numpy as np
 
 from session.base.errors import DataError
 from session.base.numeric import held_for, new_readings, runs_of, smallest_step
-from session.base.texts import SENSOR_NAME, STANDIN_NAME
+from session.base.texts import SENSOR_NAME, STANDIN_NAME, significant
 from session.base.units import DEG, MDPS, MG, NS, G
 from session.detect.bridging import CLIPPED, GAP, MOST, bridged, short_gaps
 from session.detect.events import JUMP_G, LEAST_RUN, accel_reach_g, find_impacts, gyro_reach_dps, plateau, run_bar
@@ -73,7 +73,7 @@ def check_stamps(log: Log, noise: Noise | None, segment_s: float) -> list[Findin
     errors, floor = stamp_errors(samples, segment_s), noise_floor(noise, segment_s)
     whole = angle_rms(samples, errors, segment_s)
     angle = whole * sqrt(errors.share)
-    text = f"{errors.scatter_s * 1e6:.1f} us rms ({errors.scatter_s / period:.1%} of a period): {angle / DEG:.4f} deg per turn"
+    text = f"{significant(errors.scatter_s * 1e6)} µs rms ({errors.scatter_s / period:.1%} of a period): {angle / DEG:.4f} deg per turn"
     if np.isfinite(floor):
         text += f", noise {floor / DEG:.4f}"
     if angle > floor:
@@ -82,7 +82,7 @@ def check_stamps(log: Log, noise: Noise | None, segment_s: float) -> list[Findin
         do = "stamp on the board, not on arrival"
         with suppress(DataError):  # it would refuse
             along_line(samples.t_ns, where)
-            do = f"import the log with --even (counting the samples takes {angle / DEG:.2g} deg off a turn); {do}"
+            do = f"import the log with --even; {do}"
         findings.append(Finding("warning", where, JITTER, text, do))
     elif whole > floor:
         follow = "the readings follow: the stamps are right" if errors.resolved else "whether the stamps are wrong is not known"

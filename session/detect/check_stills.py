@@ -13,7 +13,7 @@ from session.base.numeric import median_length
 from session.base.units import DEG, MDPS, MG, STANDARD_GRAVITY_MPS2, G
 from session.detect.accelerometer import APART_RAD, attitudes_of, force_of
 from session.detect.events import knocked
-from session.detect.findings import Correction, Finding, xyz_text
+from session.detect.findings import Correction, Finding, unreadable, xyz_text
 from session.detect.rest_noise import RestSpectrum, rest_spectrum
 from session.detect.segments import LEAPS, FoundTurn, LogSegments, why_too_few
 from session.detect.stills import BY_HAND, Noise, Still, UnusedRest, noise_floor, references
@@ -452,7 +452,7 @@ def check_rests(paths: tuple[Path, ...], sensor: Sensor) -> list[Finding]:
         try:
             findings += check_rest(read_rest(path, sensor))
         except CalibrationError as error:
-            findings.append(Finding("error", path.name, "reading", str(error)))
+            findings.append(unreadable(path.name, error))
     return findings
 
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Annotated
 
-from session.base.errors import DataError
+from session.base.errors import CalibrationError, DataError
 from session.base.records import DERIVED, Key
 from session.base.results import Text
 from session.base.texts import printable
@@ -60,6 +61,11 @@ class Finding:
     def line(self) -> str:
         """All of it in a line, but for the level."""
         return f"{self.where}: {self.what}: {self.description}" + (f"; {self.do}" if self.do else "")
+
+
+def unreadable(where: str, error: CalibrationError) -> Finding:
+    """A file or folder that cannot be read, which its finding names once."""
+    return Finding("error", where, "reading", re.sub(rf"^(\S*/)?{re.escape(where)}:? ", "", str(error)))
 
 
 def worst(findings: Iterable[Finding]) -> str:

@@ -49,7 +49,7 @@ from session.detect.check_stills import (
 )
 from session.detect.check_time import check_length, check_rate, check_rate_changes, check_undersampling, check_warming
 from session.detect.dials import without_wrong_dials
-from session.detect.findings import Finding, as_arguments, worst
+from session.detect.findings import Finding, as_arguments, unreadable, worst
 from session.detect.segments import FEWEST_SEGMENTS, Ends, Segment, cut_segments, known_turns, moments_of, session_segments
 from session.detect.signatures import FILTER, check_signatures, explains_others
 from session.detect.stills import Noise, SessionStills, Still, UnusedRest, references
@@ -263,17 +263,13 @@ CHANGED = "by hand"
 
 def _read_what_there_is(folder: Path, error: CalibrationError) -> tuple[Session | None, list[Finding]]:
     """The session without what cannot be read, and why not; ``error`` is what stopped the reading of the whole."""
-
-    def finding(where: str, error: CalibrationError) -> Finding:
-        return Finding("error", where, "reading", str(error))
-
     if is_special(folder):
-        return None, [finding(folder.name, error)]
+        return None, [unreadable(folder.name, error)]
     try:
         config = read_config(folder / "session.toml")
         paths = {stem: log_paths(folder, stem) for stem in ("log", "closure")}
     except CalibrationError:
-        return None, [finding(folder.name, error)]
+        return None, [unreadable(folder.name, error)]
     logs: dict[str, list[Log]] = {"log": [], "closure": []}
     findings: list[Finding] = []
     for stem in paths:
@@ -281,7 +277,7 @@ def _read_what_there_is(folder: Path, error: CalibrationError) -> tuple[Session 
             try:
                 logs[stem].append(read_log(path, config.sensor))
             except CalibrationError as reason:
-                findings.append(finding(path.name, reason))
+                findings.append(unreadable(path.name, reason))
     if not findings:  # the logs are readable: it was the dial readings, or there is no log
-        findings.append(finding(folder.name, error))
+        findings.append(unreadable(folder.name, error))
     return Session(folder, config, tuple(logs["log"]), tuple(logs["closure"])), findings

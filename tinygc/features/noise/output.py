@@ -208,7 +208,8 @@ def misfit_lines(figures: NoiseFigures) -> list[str]:
         bad = {axis: own for axis, own in zip("xyz", sensor.axes, strict=True) if not own.is_described}
         if bad:
             worst = max(bad.values(), key=lambda own: own.excess)
-            what = f"{significant(worst.excess)} times the terms' variance ({probability(worst.p_value)})"
+            p = float("nan") if worst.p_value is None else worst.p_value
+            what = f"{significant(worst.excess)} times the terms' variance ({probability(p)})"
             lines.append(f"NOT DESCRIBED: {SENSORS[kind]} {' '.join(bad)}, {what}.")
     return lines
 

@@ -20,7 +20,7 @@ from tinygc.features.temperature.sessions_fit import APART_C, SessionsFit, Therm
 from tinygc.models.linear import BIAS, MATRIX, scale_factor_errors
 from tinygc.models.model import accelerometer_table
 from tinygc.reporting.drawing import Axis, Panel, Picture, saved
-from tinygc.reporting.facts import Part, Table, screen
+from tinygc.reporting.facts import Table, screen
 from tinygc.reporting.tables import finding_lines
 from tinygc.reporting.terminal import Group, one_line
 
@@ -102,7 +102,7 @@ def order_word(order: int) -> str:
 
 def temperature_report(fit: ThermalFit) -> Group:
     """How far the zero and the scale follow temperature, and what the model leaves."""
-    parts: list[Part] = [one_line(answer(fit), "bold"), one_line(_inputs(fit))]
+    parts: list[Any] = [one_line(answer(fit), "bold"), one_line(_inputs(fit))]
     if fit.rests is not None:
         problems = [finding for finding in fit.rests.findings if finding.level != "ok"]
         parts += [finding_lines(problems)] if problems else []

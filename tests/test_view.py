@@ -88,7 +88,8 @@ def test_out_writes_one_file_that_loads_nothing(tmp_path, capsys):
     assert not re.search(r"""(src|href)=["']?(?!data:)""", page.split("<script")[0])
     data = json.loads(re.search(r'id="data">(.*?)</script>', page, re.S)[1])
     assert len(data["content"]["segments"]) == 40
-    assert len(data["curves"]) == 1
+    assert [log["name"] for log in data["content"]["logs"]] == ["log0001.csv.gz", "closure0001.csv.gz"]
+    assert len(data["curves"]) == 2
 
 
 # Changes by hand, as the page asks for them.
@@ -162,3 +163,13 @@ def test_a_change_that_cannot_be_changes_nothing(viewer, asked, status, says):
 @pytest.mark.parametrize("name", ["", "curves/1", "curves/a/b/c", "curves/nan/1/5", "content/1", "../session.toml"])
 def test_other_names_are_not_known(viewer, name):
     assert viewer.answer(name) is None
+
+
+def test_segments_that_a_reference_cuts_are_not_left_out_here(viewer):
+    class Reference:
+        title = "truth file"
+
+    session = viewer.recording.session
+    object.__setattr__(session, "reference", Reference())
+    assert wish(viewer, do="leave out", kind="segment", number=6) == 409
+    assert viewer._refused == "truth files cut these segments; leave one out with fit --exclude 6"

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 from session.base.errors import CalibrationError
 from session.base.options import argument, file_written, option
 from session.base.texts import printable
+from tinygc.cli.logs import of_session
 from tinygc.cli.options import Command
 from tinygc.cli.recording import GONE_S, LOOK_EVERY_S
 from tinygc.cli.results import Interruption, output, try_file
@@ -41,6 +42,7 @@ def run(args: Options) -> int:
     from session.log.folder import read_session
     from tinygc.reporting.view.content import Recording
 
+    args, _ = of_session(args)
     if args.out is not None:
         return _write(args, args.out)
     from session.bench.page.server import PageServer
@@ -77,7 +79,7 @@ def _write(args: Options, out: Path) -> int:
     from session.base.results import write_text_whole
     from session.log.folder import read_session
     from tinygc.reporting.terminal import progress_bar
-    from tinygc.reporting.view.content import Recording, fitted
+    from tinygc.reporting.view.content import Recording, fitted, logs_of
     from tinygc.reporting.view.curves import Curves
     from tinygc.reporting.view.page import whole_page
 
@@ -85,7 +87,7 @@ def _write(args: Options, out: Path) -> int:
     try_file(out, None)
     with progress_bar(args.quiet) as progress:
         closure, why = fitted(recording, progress)
-    content, curves = recording.content(closure, why=why), Curves(recording.session.logs)
+    content, curves = recording.content(closure, why=why), Curves(logs_of(recording.session))
     write_text_whole(out, whole_page(content, curves.between(0.0, content["length_s"])))
     output(args).print(f"written: {out}", soft_wrap=True)
     return 0
@@ -95,11 +97,12 @@ class Viewer:
     """What the page shows and asks for: it keeps changes in ``session.toml``, and fits in a thread of its own."""
 
     def __init__(self, recording: Recording, server: PageServer):
+        from tinygc.reporting.view.content import logs_of
         from tinygc.reporting.view.curves import Curves
 
         self.recording, self._server = recording, server
         self.toml = recording.session.folder / "session.toml"
-        self._curves = Curves(recording.session.logs)
+        self._curves = Curves(logs_of(recording.session))
         self._closure: Closure | None = None
         self._before: Closure | None = None
         self._why, self._stale, self._version, self._doing, self._refused = "", False, 0, "", ""
@@ -166,6 +169,8 @@ class Viewer:
     def _rows(self, wish: dict[str, Any]) -> tuple[Sequence[ByHand], ByHand | None]:
         """Rows of session.toml that a wish takes away, and the one that it adds."""
         recording, number = self.recording, int(wish["number"])
+        if wish["kind"] == "segment" and recording.session.reference is not None:
+            raise CalibrationError(f"{recording.session.reference.title}s cut these segments; leave one out with fit --exclude {number}")
         if wish["kind"] == "segment":
             segment = recording.segment(number)
             if wish["do"] == "take back":

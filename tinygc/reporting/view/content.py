@@ -1,4 +1,4 @@
-"""What the page of a recording shows beside its curves: stills, segments with their closure, marks with their reasons, changes by hand."""
+"""What the page of a recording shows: stills, segments with their closure, marks with their reasons, changes by hand."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from session.detect.segments import LogSegments, Segment, moments_of, moved_at, 
 from session.detect.stills import SessionStills, still_at
 from session.log.config import LeftOut, StillByHand, read_config
 from session.log.folder import Session
+from session.log.logfile import Log
 from session.log.samples import start_times
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import closure_angles
@@ -106,14 +107,14 @@ class Recording:
         """For the page; closure: of the last fit; before: of the one before; stale: whether something was changed since; why: there is
         none."""
         session, parts = self.session, self.parts
-        logs = [part.log for part in parts]
-        began_s = dict(zip((log.path.name for log in session.logs), _began(session), strict=False))
-        segments = [segment for part in parts for segment in part.segments]
+        began_s = dict(zip((log.path.name for log in logs_of(session)), _began(session), strict=False))
+        at = [_Clock(part.log.samples.t_ns, began_s[part.log.path.name]) for part in parts]
+        segments, of_segments = [segment for part in parts for segment in part.segments], at
         if session.reference is not None:  # which cuts its own
             segments = [] if closure is None else closure.problem.segments
+            of_segments = [_Clock(log.samples.t_ns, began_s[log.path.name]) for log in session.logs]
         elif closure is not None and not stale:  # with the reasons that only a fit knows
             segments = closure.problem.segments
-        at = [_Clock(log.samples.t_ns, began_s[log.path.name]) for log in logs]
         stills, number = [], 0
         for place, part in enumerate(parts):
             for index, still in enumerate(part.stills):
@@ -134,8 +135,8 @@ class Recording:
             "segments": [
                 {
                     "number": segment.number,
-                    "from_s": at[segment.log](segment.start),
-                    "to_s": at[segment.log](segment.stop - 1),
+                    "from_s": of_segments[segment.log](segment.start),
+                    "to_s": of_segments[segment.log](segment.stop - 1),
                     "turn_s": segment.turn_s,
                     "turn_deg": segment.turn_deg,
                     "note": "; ".join(filter(None, (segment.note, *widened.get(segment.number, ())))) or None,
@@ -175,6 +176,8 @@ class Recording:
 
     def rows_of_segment(self, segment: Segment) -> list[LeftOut]:
         """Of ``session.toml``, those that leave it out."""
+        if self.session.reference is not None:
+            return []
         part = self.parts[segment.log]
         rows = [row for row in self.session.config.exclude if moments_of(part.log.path, [row])]
         return [row for row in rows if moved_at(segment, part.found.samples, row.at_s)]
@@ -217,8 +220,13 @@ class Recording:
         return StillByHand(name, at_s, start, stop)
 
 
+def logs_of(session: Session) -> tuple[Log, ...]:
+    """All that is shown, one after the other: its logs, then its closure runs."""
+    return (*session.logs, *session.closures)
+
+
 def _began(session: Session) -> np.ndarray:
-    return start_times(log.samples for log in session.logs)
+    return start_times(log.samples for log in logs_of(session))
 
 
 def _known(value: float) -> float | None:

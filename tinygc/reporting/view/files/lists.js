@@ -41,7 +41,7 @@ function listChoice() {
     moveStill(number, fields.map(field => Number(field.value)));
   });
   place.append(form);
-  if (each.by_hand) place.append(button("as it was found", () => undo(seen.choice)));
+  if (each.by_hand) place.append(button("as it was found", () => takeBack(seen.choice)));
 }
 
 // A line that shows what it speaks of when it is clicked.
@@ -50,7 +50,7 @@ const line = (text, each, kind = null, ...more) => made("li", {}, button(text, (
 function listChanges() {
   const rows = ["segment", "still"].flatMap(kind => content[`${kind}s`].filter(each => each.by_hand).map(each => {
     const what = each.by_hand === "moved" ? `ends moved: ${seconds(each)}` : "left out";
-    const back = source.live ? [button("undo", () => undo({ kind, number: each.number }))] : [];
+    const back = source.live ? [button("take back", () => takeBack({ kind, number: each.number }))] : [];
     return line(`${kind} ${each.number} ${what}`, each, kind, ...back);
   }));
   const note = made("p", { textContent: source.live ? "Kept in session.toml; every command obeys it." : "From session.toml." });

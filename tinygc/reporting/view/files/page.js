@@ -7,11 +7,11 @@ let version = -1;
 function ask(wish) {
   fetch("wish", { method: "POST", body: JSON.stringify(wish) }).catch(() => { document.getElementById("doing").textContent = "the program has ended"; });
 }
-const undo = choice => ask({ do: "take back", ...choice });
+const takeBack = choice => ask({ do: "take back", ...choice });
 const moveStill = (number, ends) => ask({ do: "move", kind: "still", number, ends });
 function toggle(choice) {
   const each = found(choice), out = each.by_hand === true || each.by_hand === "left out";
-  if (out) undo(choice); else if (!each.problem) ask({ do: "leave out", ...choice });
+  if (out) takeBack(choice); else if (!each.problem) ask({ do: "leave out", ...choice });
 }
 
 function sayClosure() {

@@ -140,7 +140,7 @@ function drawTimes(g, top, bottom, letters) {
     g.textAlign = x < frame.left + 12 ? "left" : x > frame.width - 30 ? "right" : "center";
     g.fillText(`${text} ${minutes ? "min" : "s"}`, x, bottom + letters);
   }
-  for (const log of content.logs.slice(1)) {
+  for (const log of content.logs.slice(1).filter(log => log.from_s < seen.to)) {
     g.strokeStyle = colour("ink");
     g.setLineDash([2, 4]);
     g.beginPath();
@@ -148,6 +148,9 @@ function drawTimes(g, top, bottom, letters) {
     g.lineTo(x_of(log.from_s), bottom);
     g.stroke();
     g.setLineDash([]);
+    g.textAlign = "left";
+    g.fillStyle = colour("ink");
+    g.fillText(log.name, Math.max(x_of(log.from_s), frame.left) + (x_of(log.from_s) < frame.left + 90 ? 90 : 4), top - letters * 0.7);
   }
 }
 
@@ -185,7 +188,7 @@ function drawCurves(g, panel, curves) {
   }
   if (low > high) return;
   const margin = Math.max((high - low) * 0.06, 1e-4), y = value => panel.bottom - (value - low + margin) / (high - low + 2 * margin) * (panel.bottom - panel.top);
-  levels(g, panel, ticks(low, high, (panel.bottom - panel.top) / 38), y);
+  levels(g, panel, ticks(low, high, Math.max(3, (panel.bottom - panel.top) / 38)), y);
   clipped(g, panel, () => {
     for (const piece of curves) {
       for (const column of columns) {
@@ -272,7 +275,7 @@ function drawSegments(g, letters) {
   let free = 0;
   g.textAlign = "center";
   for (const { each, left, right } of boxes) {
-    const text = `${each.problem ? "×" : ""}${each.number}`, middle = (left + right) / 2, half = g.measureText(text).width / 2 + 3;
+    const text = `${each.problem ? "×" : ""}${each.number}`, middle = (left + right) / 2, half = g.measureText(text).width / 2 + 1;
     if (middle - half < free || (half > (right - left) / 2 && each.number % 5)) continue;
     free = middle + half;
     g.fillStyle = colour("ground");
@@ -311,8 +314,8 @@ function drawMap() {
   g.strokeRect(x(seen.from), 1.5, Math.max(x(seen.to) - x(seen.from), 4), height - 3);
 }
 
-let asked = 0;
+let awaited = 0;
 function redraw() {
-  cancelAnimationFrame(asked);
-  asked = requestAnimationFrame(draw);
+  cancelAnimationFrame(awaited);
+  awaited = requestAnimationFrame(draw);
 }

@@ -118,8 +118,8 @@ def library_text() -> str:
     lines = ["### Functions", "", "| command | function | returns |", "|---|---|---|"]
     lines += [_row(f"`{name}`", f"`{dotted}`", returned(there(dotted))) for name, dotted in functions.items()]
     others = [name for name in dir(tinygc) if inspect.isfunction(getattr(tinygc, name)) and f"tinygc.{name}" not in functions.values()]
-    lines += ["", "| other function | what it does |", "|---|---|"]
-    lines += [_row(f"`tinygc.{name}`", first_sentence(getattr(tinygc, name))) for name in others]
+    lines += ["", "Others:", ""]
+    lines += [f"- `tinygc.{name}`: {first_sentence(getattr(tinygc, name))}" for name in others]
     lines.append("")
     for kind in (FitOptions, SimulationOptions):
         lines += [f"### {kind.__name__}", "", "| keyword | default | meaning |", "|---|---|---|"]

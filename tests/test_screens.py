@@ -53,6 +53,8 @@ ARRAY = "simulate --out array --units 3 --segments 16 --odr-hz 104"
 #: outputs of a sensor on a rate table, V
 RATES = "rate_dps,output_v\n-60,-1.2001\n-40,-0.7998\n-20,-0.4001\n0,0.0002\n20,0.3999\n40,0.8001\n60,1.1999\n"
 
+#: an effect that no linear model has
+ODD = 'gyro.g_sensitivity={"matrix_dps_per_g":[[0.05,0,0],[0,0.05,0],[0,0.03,0.08]]}'
 SCREENS = (
     Screen("explain good", r"OK: nothing beyond the model shows \(p = 0\.\d+\)\.$", slow=True),
     Screen("challenge --cases 1", r"3 of 3 effects found in simulation, 0 wrong names\.$", slow=True),
@@ -83,6 +85,9 @@ SCREENS = (
     Screen("rates rates.csv", r"rates: a straight line; it leaves 0\.000135 V rms$", slow=True),
     Screen("fit array", r"3 units: closure 0\.\d+ to 0\.\d+° \(floor 0\.\d+°\); together 1\.\d+ × less noise$", before=(ARRAY,), slow=True),
     Screen("explain array", r"OK: nothing beyond the model shows", before=(ARRAY,), slow=True),
+    Screen(
+        "fit odd", r"FAIL: closure0001.csv.gz is off by ", code=1, before=("simulate --out odd --segments 30 --effect " + ODD,), slow=True
+    ),
     Screen("sensors", r"20 sensors; "),
     Screen("sensors mpu6050", r"MPU-6050, MPU-6000$", slow=True),
     Screen("export good --to px4", r"written: good/export/px4.params$", before=("fit good",), slow=True),

@@ -12,6 +12,7 @@ import numpy as np
 
 from session.base import rotation
 from session.base.numeric import rms_of, running_sum
+from session.base.texts import significant
 from session.base.units import DEG, DEG_PER_HOUR, MG, G
 from session.detect.check_time import LEAST_EXPONENT, STEPS, capped, thinning_exponent, thinning_weights
 from tinygc.closure import residual
@@ -302,9 +303,8 @@ class SessionNoise:
     @property
     def beyond_words(self) -> str:
         """The components that are larger than such a sensor has, with what it has, in one line."""
-        return "; ".join(
-            f"{c.description} {s / c.si:.2g} {c.unit}, where {most / c.si:.2g} {c.unit} is usual" for c, s, most in self.beyond
-        )
+        found = ((c, significant(s / c.si, 2), significant(most / c.si, 2)) for c, s, most in self.beyond)
+        return "; ".join(f"{c.description} {size} {c.unit} (usual {usual})" for c, size, usual in found)
 
     @property
     def unusual(self) -> bool:

@@ -208,7 +208,7 @@ class Acceptance:
     @property
     def _reasons(self) -> list[str]:
         missed = [text for met, text in self.reasons if met is False]
-        return [*missed, *self.undecided, *self.doubts]
+        return [*missed, *self.undecided] or self.doubts
 
     @property
     def risks(self) -> list[str]:
@@ -292,7 +292,7 @@ def decide(
     unsound += undecided
     if not segments and limit is not None and tilt / DEG > limit:
         more = f"; {promise.noisier}" if promise is not None and promise.noisier else ""
-        undecided.append(f"{held_out}, more than {significant(limit, 2)}° ({source}){more}")
+        undecided.append(f"{held_out}, limit {significant(limit, 2)}°{more}")
     closure = held_out if limit is None else f"{held_out} (limit {significant(limit, 2)}°)"
     if len(files):
         closure += f", closure run{'s' * (len(files) > 1)} to {degrees(max(map(rms_of, candidate.run_errors)))}"

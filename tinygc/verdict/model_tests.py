@@ -15,7 +15,7 @@ from typing import Annotated
 import numpy as np
 
 from session.base.results import Maybe, Number, Text
-from session.base.texts import LEAST_P, probability, significant
+from session.base.texts import probability
 from tinygc.closure.joint import REFUTED_P
 from tinygc.closure.uncertainty import GoodnessOfFit
 from tinygc.estimation.accelerometer import AccelerometerFit
@@ -62,17 +62,16 @@ def model_tests(
     found += [ModelTest(RUN, p, MISMATCH_P, f"{file}: {probability(p)}") for file, p in runs.items()]
     if noise is not None:
         p, beyond = noise.unusual_p, noise.noise.beyond_words
-        more = "turns or stills differ by more than the noise of such a sensor"
+        more = "turns or stills differ by more than such a sensor's noise"
         differs = more if p < MISMATCH_P else "the noise may be that of such a sensor"
-        found.append(ModelTest(NOISE, p, MISMATCH_P, f"{differs}{beyond and f', {beyond}'} ({probability(p)})"))
+        found.append(ModelTest(NOISE, p, MISMATCH_P, f"{differs} ({probability(p)}){beyond and f': {beyond}'}"))
     if allowed is not None:
         none, named = none_missing(allowed.log_odds_of_any), " or ".join(allowed.suspected)
         p = none + (1 - none) * allowed.share_of_zero  # a drift of the zero is part of the fit's noise, and moves neither scale nor axes
         missing = f"an effect is probably missing: {named}" if named else "no effect of the catalogue is probable"
         if named and p >= none_missing(SUSPECTED):
             missing = f"the zero drifts ({named}); no effect on scale or axes is probable"
-        chance = "above 0.99" if p > 0.99 else "below 0.001" if p < LEAST_P else significant(p, 2)
-        found.append(ModelTest(EFFECT, p, none_missing(SURE), f"{missing} (probability of none {chance})"))
+        found.append(ModelTest(EFFECT, p, none_missing(SURE), missing))
     return (*found, *([] if accelerometer is None else gravity_test(accelerometer)))
 
 

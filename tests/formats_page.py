@@ -31,8 +31,10 @@ def section(heading: str) -> str:
 
 
 def rows(heading: str) -> list[list[str]]:
-    """Cells of the table in a section, without its head."""
-    lines = [line for line in section(heading).splitlines() if line.startswith("|")]
+    """Cells of the table in a section, without its head, or of its list: key and meaning."""
+    lines = [line for line in section(heading).splitlines() if line.startswith(("|", "- `"))]
+    if lines[0].startswith("- "):
+        return [line.removeprefix("- ").split(": ", 1) for line in lines]
     return [[cell.strip() for cell in line.strip("|").split(" | ")] for line in lines[2:]]
 
 

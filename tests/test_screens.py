@@ -68,6 +68,7 @@ SCREENS = (
     Screen("report good --certificate", r"calibrate: no certificate: time base not calibrated; give sensor.clock", 1, code=2, slow=True),
     Screen("noise good", r"Noise: [\d.]+ mdps/√Hz \(data sheet 5: within\)\.", slow=True),
     Screen("fleet good --out fleet --only check,fit", r"1 (PASS|FAIL|NOT DECIDED): 1 session of 1 serial number\.", slow=True),
+    Screen("temperature good --out thermal", r"Scale is that of \d+ °C everywhere: add sessions at other temperatures\.", slow=True),
     Screen("history good", r"ASM330LHH \S+: 1 session; drift needs 4 or more\.", before=("fit good",), slow=True),
     Screen("--help", r"Calibrate a MEMS gyroscope", 40),
     *(Screen(f"{name} --help", rf"usage: python calibrate.py {name} \[options\]", 30, slow=name != "fit") for name in commands()),

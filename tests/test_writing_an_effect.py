@@ -49,7 +49,7 @@ def test_the_session_that_hides_the_example_is_made_as_the_page_says(effects, tm
 
 
 def test_the_page_names_every_variable_that_an_effect_can_be_drawn_against():
-    (row,) = re.findall(r"^\| `conditions` \|.*$", PAGE, re.M)
+    (row,) = re.findall(r"^- `conditions`:.*$", PAGE, re.M)
     assert set(re.findall(r'`"([a-z ]+)"`', row)) == set(READ)
 
 

@@ -36,8 +36,8 @@ def read_as(joined: Joined, answers: Answers, rate_hz: float) -> str:
     """The units alone, in one line: ``read as: time in ms (208 Hz), gyro in rad/s, accelerometer in g``."""
     layout = joined.gyro_layout
     time = "samples counted" if joined.counted else "time of day" if layout.clock else f"time in {_unit(layout.time_ns)}"
-    units = [triad and _unit_words(triad) for triad in (layout.gyro, joined.accel_layout.accel)]
-    return f"read as: {time} ({rate_hz:g} Hz), gyro {units[0]}, accelerometer {units[1]}"
+    units = [triad and (triad.unit.word if triad.unit.si else "registers") for triad in (layout.gyro, joined.accel_layout.accel)]
+    return f"read as: {time} ({rate_hz:g} Hz), gyro in {units[0]}, accelerometer in {units[1]}"
 
 
 def port_interpretation(name: str, layout: Layout, sensor: Sensor, rate: str) -> tuple[str, ...]:
@@ -80,8 +80,7 @@ LONGEST = 26
 def _unit_words(triad: Triad) -> str:
     counts, per = re.fullmatch(r"([0-9.e+-]+) ?(.+)", triad.unit.word), re.fullmatch(r"(dps|g)/([0-9.]+)", triad.unit.word)
     word = f"counts of {float(counts[1]):.4g} {counts[2]}" if counts else triad.unit.word
-    word = f"counts, {per[2]} per {per[1]}" if per else word
-    return "registers" if triad.unit.si is None else f"in {word}"
+    return "registers" if triad.unit.si is None else f"{per[2]} counts/{per[1]}" if per else f"in {word}"
 
 
 def _range(word: str, full_scale: float | None, assumed: bool) -> str:

@@ -64,7 +64,7 @@ class Log:
     read: str = "in dps"
 
 
-MPU = {"rate": 0.51 / 65.5, "force": 0.51 / 8192, "read": "in counts, 65.5 per dps"}
+MPU = {"rate": 0.51 / 65.5, "force": 0.51 / 8192, "read": "65.5 counts/dps"}
 ADAFRUIT = of(
     lambda a, g: [
         f"Acceleration X: {a[0] * G:.4f}, Y: {a[1] * G:.4f}, Z: {a[2] * G:.4f} m/s^2",
@@ -187,11 +187,11 @@ PLAIN = "t_s,gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g"
         (table(S, RATES, MOVED.accel, PLAIN), "accelerometer: ax_g, ay_g, az_g in m/s2 (by gravity)"),
         (
             table(S * 1e6, *np.hsplit(COUNTS[:, [3, 4, 5, 0, 1, 2]], 2), "t_us,gx,gy,gz,ax,ay,az"),
-            "gy, gz in counts, 65.5 per dps (by gravity), ±500",
+            "gy, gz 65.5 counts/dps (by gravity), ±500",
         ),
         (
             table(S * 1e6, np.rint(RATES / 0.00875), np.rint(FORCES * 16384), "t_us,gx,gy,gz,ax,ay,az"),
-            "in counts of 8.75 mdps (by gravity), ±250 dps accelerometer: ax, ay, az in counts, 16384 per g (by gravity), ±2 g",
+            "in counts of 8.75 mdps (by gravity), ±250 dps accelerometer: ax, ay, az 16384 counts/g (by gravity), ±2 g",
         ),
     ],
 )

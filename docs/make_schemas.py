@@ -149,8 +149,9 @@ def file_of(name: str) -> str:
     return f"{name.replace('/', '-')}.schema.json"
 
 
-#: a section whose table gives types: the format's name, and the rows
-TYPED = re.compile(r"^## `(tinygc-\S+)`\n(?:(?!#|\|).*\n)*\| key \| type \| meaning \|\n.*\n((?:\|.*\n)+)", re.M)
+#: a section whose list gives types, in brackets behind the keys: the format's name, and the rows
+TYPED = re.compile(r"^## `(tinygc-\S+)`\n(?:(?!#|- ).*\n)*((?:- `[^(\n]*` \(.*\n)+)", re.M)
+ROW = re.compile(r"- (`[^(]*`) \((.*?)\)(?:: .*)?")
 #: what parts types, but not within quotes
 UNQUOTED = r'(?=(?:[^"]*"[^"]*")*[^"]*$)'
 SHAPED = re.compile(r"(list|[\dn×]+)\[(.*)\]")
@@ -167,7 +168,7 @@ def expanded(path: str) -> list[str]:
 
 def _typed_keys(row: str) -> list[tuple[tuple[str, ...], str]]:
     """(path, type) of each key of a row."""
-    key, text = row.split(" | ")[:2]
+    key, text = ROW.fullmatch(row).groups()
     words, found = [expanded(word) for word in re.findall(r"`([^`]+)`", key)], []
     groups = re.split("; " + UNQUOTED, text)
     for paths, group in zip(words, groups * len(words) if len(groups) == 1 else groups, strict=True):

@@ -48,9 +48,9 @@ def test_a_type_of_the_pages(text, sound, wrong):
 
 def test_the_types_of_a_row_are_those_of_its_keys_in_order():
     rows = [
-        '| `{a,b}.{c,d}`, `e` | text, count; "x; y" | – |',
-        "| `f[].<id>`, `g`, `g.h`, `i`, `j` | size; table/null; flag?; text unless `g`; text with `k` | – |",
-        "| `l.{m,n,o}` | share×2, flag | – |",
+        '- `{a,b}.{c,d}`, `e` (text, count; "x; y")',
+        "- `f[].<id>`, `g`, `g.h`, `i`, `j` (size; table/null; flag?; text unless `g`; text with `k`): (so)",
+        "- `l.{m,n,o}` (share×2, flag): so",
     ]
     keys = dict(each for row in rows for each in maker()._typed_keys(row))
     typed = Draft202012Validator(maker()._table_of(keys))

@@ -414,7 +414,8 @@ UNSEEN_E = "a scale error of up to 2.0° per turn would go unseen."
         ({"small": (GRAVITY,), "open_": (E,)}, UNDECIDED, True, UNSEEN_E),
         ({"small": (GRAVITY,)}, HOLDS, True, HELD),
         # A rest holds for what a rest shows.
-        ({"open_": (E, GRAVITY), "turned": False}, HOLDS, True, f"zero and gravity are fine; {HELD}"),
+        ({"open_": (E,), "turned": False}, HOLDS, True, f"zero and gravity are fine; {HELD}"),
+        ({"open_": (E, GRAVITY), "turned": False}, HOLDS, True, f"zero is fine; {HELD}"),
         ({"open_": (E, B), "turned": False}, UNDECIDED, True, None),
         ({**OPEN_E, "turned": False}, UNDECIDED, True, None),
         ({"open_": (GRAVITY,)}, UNDECIDED, True, "a tilt error of up to 2.0° would go unseen."),

@@ -140,7 +140,7 @@ def test_what_changed_in_e_is_named_and_b_anew_is_not_written(model, unit, tmp_p
 @pytest.mark.parametrize(
     ("shift", "code", "words"),
     [
-        (0.0, 0, ["HOLDS: zero and gravity are fine; ", "Not tested: a scale error of ", "  1. "]),
+        (0.0, 0, ["HOLDS: zero is fine; ", "Not tested: a scale error of ", "  1. "]),
         (0.15, 5, []),
         (4.0, 1, ["then record the turns above"]),
     ],

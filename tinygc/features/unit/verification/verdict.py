@@ -390,7 +390,8 @@ def _decide(
             turns = "let it lie still for some minutes, in several attitudes, then verify again"
         return Answer(UNDECIDED, unseen_words(max(unseen, key=lambda bound: bound.bound_deg / bound.limit_deg)), turns), True
     if unseen:  # at rest, the zero is all that is tested
-        return Answer(HOLDS, f"zero and gravity are fine; {error}.", "scale cannot be seen at rest: record the turns above"), True
+        fine = "zero and gravity are" if any(bound.name == GRAVITY and bound.is_seen for bound in found) else "zero is"
+        return Answer(HOLDS, f"{fine} fine; {error}.", "scale cannot be seen at rest: record the turns above"), True
     return Answer(HOLDS, f"{error}.", "use it as it is"), True
 
 

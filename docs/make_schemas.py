@@ -1,6 +1,6 @@
 """What follows from the records of our files: the tables of keys in the pages and the JSON Schemas.
 
-``python docs/make_schemas.py`` writes the tables, each below its line ``<!-- keys of MODULE:RECORD -->`` (with
+``python docs/make_schemas.py`` writes the lists, each below its line ``<!-- keys of MODULE:RECORD -->`` (with
 ``in SECTION`` where they stand in one);
 ``python docs/make_schemas.py FOLDER`` writes a JSON Schema of each JSON into a folder, from the records and, of what is written only, from
 the tables of the pages, which give each key's type (docs/formats.md, types).
@@ -29,21 +29,20 @@ from session.base.results import LARGEST, Array, Flag, Keys, ListOf, MapOf, Mayb
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
-# Tables of keys.
+# Lists of keys.
 
-HEAD = "| key | type, range (default) | meaning |\n|---|---|---|\n"
-MARK = re.compile(r"(<!-- keys of (\S+):(\w+)(?: in (\w+))? -->\n\n)(?:\|.*\n)*")
+MARK = re.compile(r"(<!-- keys of (\S+):(\w+)(?: in (\w+))? -->\n\n)(?:[-|] ?.*\n)*")
 
 
 def pages() -> dict[Path, str]:
-    """Each page that holds a table of keys -> its text with the tables as the records have them."""
+    """Each page that holds a list of keys -> its text with the lists as the records have them."""
     texts = {path: path.read_text(encoding="utf-8") for path in sorted(DOCS.rglob("*.md"))}
     return {path: MARK.sub(lambda found: found[1] + _table(*found.groups()[1:]), text) for path, text in texts.items() if MARK.search(text)}
 
 
 def _table(module: str, name: str, section: str | None) -> str:
     shape = record_of(getattr(importlib.import_module(module), name), null=False)
-    return HEAD + "".join(_rows(shape, f"{section}." if section else ""))
+    return "".join(_rows(shape, f"{section}." if section else ""))
 
 
 def _rows(shape: Record, within: str) -> list[str]:
@@ -54,7 +53,7 @@ def _rows(shape: Record, within: str) -> list[str]:
         elif within:  # what stands outside of a section has one of its own on the page
             kind = _range(entry.shape)
             shown = "likewise" if kind == above and " " in kind else kind
-            rows.append(f"| `{within}{entry.name}` | {shown}{_default(entry)} | {meanings[entry.attribute]} |\n")
+            rows.append(f"- `{within}{entry.name}` ({shown}{_default(entry)}): {meanings[entry.attribute]}\n")
             above = kind
     return rows
 
@@ -80,14 +79,14 @@ def _range(shape: Shape) -> str:
 
 
 def _default(entry: Entry) -> str:
-    """In brackets; nothing where a key that is missing stands for nothing."""
+    """Nothing where a key that is missing stands for nothing."""
     value = entry.absent
     if value is REQUIRED:
-        return " (required)"
+        return ", required"
     if isinstance(value, np.ndarray):
         identity = value.shape == (3, 3) and (value == np.eye(3)).all()
-        return " (identity)" if identity else f" ({', '.join(f'{each:g}' for each in value.ravel())})"
-    return "" if value in (None, (), {}, "") else f' (`"{value}"`)' if isinstance(value, str) else f" ({value})"
+        return f", default {'identity' if identity else ' '.join(f'{each:g}' for each in value.ravel())}"
+    return "" if value in (None, (), {}, "") else f', default `"{value}"`' if isinstance(value, str) else f", default {value}"
 
 
 # Schemas.

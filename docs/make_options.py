@@ -59,6 +59,8 @@ FUNCTIONS = {
 }
 #: of an option on the page, where a clause ends before
 MOST_WORDS = 7
+#: of an argument whose name states what it is
+MOST_OF_PLACES = 4
 #: what stands before and behind the tables of a page
 BEGIN, END = "<!-- made by docs/make_options.py -->\n", "<!-- end -->"
 
@@ -72,6 +74,8 @@ def rows(*kinds: Any) -> Iterator[str]:
             if rule.cli and (each.name not in shared or each.name in inspect.get_annotations(kind)):
                 value = metavar(each, rule)
                 name = value or each.name.upper() if rule.positional else f"{flag(kind, each.name)} {value}".strip()
+                if rule.positional and len(help_of(each, rule).split()) < MOST_OF_PLACES:
+                    continue
                 if rule.rare:
                     rare.append(f"`{name.split()[0]}`")
                 else:
@@ -122,11 +126,11 @@ def library_text() -> str:
     lines += [f"- `tinygc.{name}`: {first_sentence(getattr(tinygc, name))}" for name in others]
     lines.append("")
     for kind in (FitOptions, SimulationOptions):
-        lines += [f"### {kind.__name__}", "", "| keyword | default | meaning |", "|---|---|---|"]
+        lines += [f"### {kind.__name__}", ""]
         for each, rule in declared(kind):
             if not rule.cli:
                 unit = f"{rule.unit}; " if rule.unit else ""
-                lines.append(_row(f"`{each.name}`", typed_as(each, rule)[1], f"{unit}{brief(rule.help)}"))
+                lines.append(f"- `{each.name}` ({typed_as(each, rule)[1] or 'None'}): {unit}{brief(rule.help)}")
         lines.append("")
     return "\n".join(lines)
 

@@ -112,7 +112,7 @@ def test_check_says_all_that_is_found_and_what_it_says_can_be_kept(tmp_path):
     with (folder / "session.toml").open("a") as file:
         file.write("[truth]\n" + "\n".join(keeps) + "\n")
     assert {finding.level for finding in with_aligned_truth(read_session(folder))[1]} == {"ok"}
-    with pytest.raises(DataError, match=r"a truth file tells its own clock and axes \(see check\)"):
+    with pytest.raises(DataError, match=r"a truth file has its own clock and axes \(see check\)"):
         repair(folder, tmp_path / "repaired")
     (folder / "truth0001.csv").unlink()
     with pytest.raises(FormatError, match=r'protocol.reference is "truth"'):

@@ -13,7 +13,7 @@ from session.log.sensors import Figure, Profile  # noqa: E402
 
 PAGE = ROOT / "docs" / "sensors.md"
 BEGIN, END = "<!-- tables: docs/make_sensors.py -->", "<!-- end of tables -->"
-FIGURES = ("gyro_noise_mdps_rthz", "accel_noise_ug_rthz", "gyro_bias_instability_dph", "zero_rate_dps", "accel_zero_mg")
+FIGURES = ("gyro_noise_mdps_rthz", "accel_noise_ug_rthz", "gyro_bias_instability_dph", "zero_rate_dps")
 
 
 def tables() -> str:
@@ -27,9 +27,8 @@ def tables() -> str:
         *(f"| {', '.join(names)} | {row} |" for row, names in alike.items()),
     ]
     figures = [
-        "| sensor | data rates, Hz | gyroscope noise, mdps/√Hz | accelerometer noise, µg/√Hz | bias instability, °/h "
-        "| largest bias, dps | largest accelerometer zero, mg | works, °C |",
-        "|---|---|---|---|---|---|---|---|",
+        "| sensor | data rates, Hz | gyroscope noise, mdps/√Hz | accelerometer noise, µg/√Hz | bias instability, °/h | largest bias, dps |",
+        "|---|---|---|---|---|---|",
         *(_figures(profile) for profile in PROFILES),
     ]
     return "\n\n".join("\n".join(lines) for lines in (units, figures))
@@ -48,9 +47,8 @@ def _units(profile: Profile) -> str:
 def _figures(profile: Profile) -> str:
     rates = [f"{rate:g}" for rate in profile.odr_hz]
     rates += [f"{base_hz:g} / 1…{most}" if most > 1 else f"{base_hz:g}" for base_hz, most in profile.divided]
-    works = "" if profile.works_c is None else f"{profile.works_c[0]:g} to {profile.works_c[1]:g}".replace("-", "−")
     figures = " | ".join(_figure(profile.figures.get(name)) for name in FIGURES)
-    return f"| {profile.name} | {', '.join(rates) or 'not known'} | {figures} | {works} |"
+    return f"| {profile.name} | {', '.join(rates) or 'not known'} | {figures} |"
 
 
 def _figure(figure: Figure | None) -> str:

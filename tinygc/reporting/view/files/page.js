@@ -19,7 +19,7 @@ function sayClosure() {
   if (!now) place.textContent = content.why ? `no fit: ${content.why}` : "";
   else {
     const refit = before ? `refit: ${short(before.after_deg)}° → ${short(now.after_deg)}°` : `raw ${short(now.raw_deg)}° → calibrated ${short(now.after_deg)}°`;
-    place.textContent = `closure of ${now.turns} turns, ${refit} (floor ${short(now.floor_deg)}°)${content.stale ? "; changed since" : ""}`;
+    place.textContent = `closure of ${now.turns} turns, ${refit} (floor ${short(now.floor_deg)}°)${content.stale ? "; changed since the fit" : ""}`;
   }
   document.getElementById("refit").classList.toggle("wanted", content.stale);
 }

@@ -119,7 +119,7 @@ function drawStills(g, top, bottom) {
       g.strokeRect(left, top, right - left, bottom - top);
       g.setLineDash([]);
     }
-    if (chosen && source.live) {
+    if (chosen && source.live && right - left > 24) {
       g.fillStyle = colour("choice");
       for (const x of ends.map(x_of)) g.fillRect(x - 4, (top + bottom) / 2 - 18, 8, 36);
     }
@@ -148,9 +148,10 @@ function drawTimes(g, top, bottom, letters) {
     g.lineTo(x_of(log.from_s), bottom);
     g.stroke();
     g.setLineDash([]);
-    g.textAlign = "left";
+    const at = x_of(log.from_s) < frame.left + 90 ? frame.left + 90 : x_of(log.from_s) + 4, cut = at + g.measureText(log.name).width > frame.width;
+    g.textAlign = cut ? "right" : "left";
     g.fillStyle = colour("ink");
-    g.fillText(log.name, Math.max(x_of(log.from_s), frame.left) + (x_of(log.from_s) < frame.left + 90 ? 90 : 4), top - letters * 0.7);
+    g.fillText(log.name, cut ? frame.width - frame.right : at, top - letters * 0.7);
   }
 }
 

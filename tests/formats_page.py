@@ -55,7 +55,7 @@ def keys_on_page(schema: str) -> list[tuple[str, ...]]:
 
 
 #: effect -> names of its parameters in JSON
-EFFECTS = {CODE.findall(row[0])[0]: set(CODE.findall(row[2])) for row in rows("Effects")}
+EFFECTS = {CODE.findall(row[0])[0]: set(CODE.findall(row[1])) for row in rows("Effects")}
 (TABLE_LINE,) = (line for line in section("`tinygc-explain/2`").splitlines() if line.startswith("`<parameter>` of a table"))
 PARAMETERS = set().union(*EFFECTS.values(), CODE.findall(TABLE_LINE)[1:])
 (METHOD_LINE,) = (line for line in section("`tinygc-fit/2`").splitlines() if line.startswith("`<method>` is"))

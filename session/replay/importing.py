@@ -11,7 +11,7 @@ from typing import Any
 from session.base import features
 from session.base.budget import budget
 from session.base.errors import FormatError
-from session.base.files import MOST_TOML, read_text
+from session.base.files import MOST_TOML, read_bytes, read_text, replaced
 from session.base.options import given, refuse_with, typed
 from session.base.texts import comment, install_line, letters_of, printable
 from session.log.folder import sha256_of
@@ -91,8 +91,9 @@ def session_next_to(paths: Sequence[Path], answers: Answers) -> tuple[Path, str]
         return folder, next((line.removeprefix("# ") for line in there if line.startswith(READ_AS)), "")
     made = import_log(paths, folder, answers)
     remarks = [*made_of, *([f"{MADE_WITH} {options}"] if options else []), *([f"# {made.read_as}"] if made.read_as else [])]
-    with config.open("a", encoding="utf-8") as file:
-        file.writelines(f"{printable(remark)}\n" for remark in remarks)
+    text = read_bytes(config, MOST_TOML) + "".join(f"{printable(remark)}\n" for remark in remarks).encode()
+    with replaced(config) as file:
+        file.write(text)
     return folder, made.read_as
 
 

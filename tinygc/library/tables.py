@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from session.base.errors import DataError
+from session.base.files import created
 from session.base.numeric import formatted_rows
 
 #: columns of a recording at least: two sensors of three axes
@@ -48,7 +49,7 @@ def write_table(value: Any, path: Path) -> None:
             raise DataError(f"{name} is not made of numbers") from None
         names.append(f"{name} [ns]" if stamps else name)
     formats = ["%d" if array.dtype.kind in "iu" else "%r" for array in arrays]
-    with path.open("wb") as file:
+    with created(path) as file:
         if any(names):
             file.write((",".join(f'"{name}"' for name in names) + "\n").encode())
         file.writelines(formatted_rows(arrays, formats))

@@ -36,7 +36,7 @@ def tables() -> str:
 
 def _units(profile: Profile) -> str:
     each = [
-        "full scale / 32768" if table is None else ", ".join(f"{lsb:.5g}@{fs:g}" for fs, lsb in table.items())
+        "full scale / 32768" if table is None else " ".join(f"{lsb:.5g}@{fs:g}" for fs, lsb in table.items())
         for table in (profile.gyro, profile.accel)
     ]
     register = profile.thermometer
@@ -46,9 +46,10 @@ def _units(profile: Profile) -> str:
 
 def _figures(profile: Profile) -> str:
     rates = [f"{rate:g}" for rate in profile.odr_hz]
-    rates += [f"{base_hz:g} / 1…{most}" if most > 1 else f"{base_hz:g}" for base_hz, most in profile.divided]
+    rates += [f"{base_hz:g}/1…{most}" if most > 1 else f"{base_hz:g}" for base_hz, most in profile.divided]
     figures = " | ".join(_figure(profile.figures.get(name)) for name in FIGURES)
-    return f"| {profile.name} | {', '.join(rates) or 'not known'} | {figures} |"
+    listed = f"`{','.join(rates)}`" if rates else "not known"
+    return f"| {profile.name} | {listed} | {figures} |"
 
 
 def _figure(figure: Figure | None) -> str:

@@ -58,7 +58,7 @@ FUNCTIONS = {
     "challenge": "tinygc.features.challenge.examination.examine",
 }
 #: of an option on the page, where a clause ends before
-MOST_WORDS = 7
+MOST_WORDS = 6
 #: of an argument whose name states what it is
 MOST_OF_PLACES = 4
 #: what stands before and behind the tables of a page

@@ -91,7 +91,7 @@ def brief(text: str) -> str:
     clause = re.split(r"; | \((?!\d)", text, maxsplit=1)[0]
     before, colon, _ = clause.partition(": ")
     clause = before if colon and len(before.split()) > 4 else clause
-    while len(clause.split()) > MOST_WORDS and len(clause.rpartition(", ")[0].split()) > 3:
+    while ":" not in clause and "one of" not in clause and len(clause.split()) > MOST_WORDS and len(clause.rpartition(", ")[0].split()) > 3:
         clause = clause.rpartition(", ")[0]
     return clause
 

@@ -8,8 +8,9 @@ from conftest import DEG, Table, session_of
 from looks import G, with_sensor
 from scipy.signal import butter, lfilter
 
-from session.detect.rest_noise import RestSpectrum, Share, _coherent_share, density_slope, lines_of, spectra
+from session.detect.rest_noise import RestSpectrum, Share, _coherent_share, density_slope, lines_of, rest_spectrum, spectra
 from session.detect.signatures import _NEW_ZERO, FILTER, TRACKED, check_signatures
+from session.detect.stills import find_stills
 from session.log.registers import accel_mps2_per_lsb, gyro_rps_per_lsb
 
 ZERO = np.array([0.56, -0.28, 0.42])
@@ -196,6 +197,15 @@ def test_a_shared_part_is_found_at_its_share_of_the_power(own):
     found = shared(u + own * noise(6), u)
     assert found.value == pytest.approx(1 / (1 + own**2), abs=4 * found.sigma + 0.01)
     assert found.p_value < 1e-6
+
+
+def test_an_axis_that_rests_at_one_reading_leaves_no_spectrum(sound):
+    samples = sound.logs[0].samples
+    stills, _ = find_stills(samples)
+    accel = np.array(samples.accel)
+    for still in stills:
+        accel[still.start : still.stop, 1] = accel[still.start, 1]
+    assert [rest_spectrum(replace(samples, accel=each), stills, False) is None for each in (samples.accel, accel)] == [False, True]
 
 
 def test_a_share_has_a_one_sided_p_value_and_limit():

@@ -92,11 +92,13 @@ def _follows(share: Share, words: str) -> str:
 
 
 def rest_spectrum(samples: Samples, stills: Sequence[Still], accelerometer: bool) -> RestSpectrum | None:
-    """Return the noise of the gyro, or of the accelerometer, in stills; None where they are too short."""
+    """Return the noise of the gyro, or of the accelerometer, in stills; None where they are too short, or an axis shows none."""
     rows = sections(samples, stills)
     if rows is None:
         return None
     signals = [np.stack([np.asarray(values[a:b]) for a, b in rows]) for values in (samples.gyro, samples.accel)]
+    if not all((np.ptp(x, axis=1) > 0).any(axis=0).all() for x in signals):
+        return None  # an axis that rests at one reading: its rounding hides the noise
     own, other = (spectra(x) for x in (reversed(signals) if accelerometer else signals))
     hz = np.fft.rfftfreq(rows[0][1] - rows[0][0], samples.period_s)
     passed = np.sinc(hz * block_size(samples.period_s) * samples.period_s) ** 2

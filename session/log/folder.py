@@ -351,7 +351,7 @@ def read_session(folder: Path | str, progress: Reporter = no_report) -> Session:
     rests = log_paths(folder, "rest")
     if not paths and rests:
         raise FormatError(
-            f"{folder}: no log but rest logs, in which nothing is turned; `{command_line('fit', folder)}` fits their temperature"
+            f"{folder}: rest logs alone, in which nothing is turned; `{command_line('noise', folder)}` or temperature reads them"
         )
     if not paths:
         raise FormatError(f"{folder}: no log; expected log*.csv or log*.csv.gz next to session.toml")

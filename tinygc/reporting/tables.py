@@ -41,7 +41,8 @@ def next_line(folder: Path, findings: list[Finding]) -> Text:
     by_arrivals = f"--clock {CLOCKS[1]}"  # where it was taken, or is advised
     again = by_arrivals.split() if not unit_lines(findings) and any(by_arrivals in finding.line for finding in findings) else []
     if worst(findings) != "error":
-        return one_line(f"next: {command_line('fit', folder, *again)}")
+        turned = any(folder.glob("log*.csv*")) or not any(folder.glob("rest*.csv*"))
+        return one_line(f"next: {command_line('fit', folder, *again) if turned else command_line('noise', folder)}")
     from session.detect.repair import can_be_repaired  # late: only errors are repaired
 
     if can_be_repaired(findings) and not unit_lines(findings):

@@ -9,6 +9,7 @@ from typing import Any
 from session.base.errors import CalibrationError
 from session.base.features import Feature
 from session.base.options import Record, option
+from session.base.texts import command_line
 
 # Options of a model over temperature, and of a simulated rest log.
 
@@ -70,7 +71,8 @@ def fit(args: Any) -> None:
     """Refuse a folder of rest logs alone, in which nothing turns."""
     folder: Path = args.folder
     if folder.is_dir() and any(folder.glob("rest*.csv*")) and not any(folder.glob("log*.csv*")):
-        raise CalibrationError(f"{folder}: holds rest logs alone; the command temperature makes a model of them")
+        command = command_line("noise", folder)
+        raise CalibrationError(f"{folder}: rest logs alone, in which nothing is turned; `{command}` or temperature reads them")
 
 
 FEATURE = Feature(

@@ -328,7 +328,7 @@ def meant(word: str, known: Any) -> str:
     """Name the known word that is nearest to a wrong one: ``; is 'fit' meant?``; empty where none is near."""
     plain = {each.lower(): each for each in known}
     # A command has few letters, and one of them is wrong or two have changed places; an option that is merely alike does something else.
-    near = get_close_matches(word.lower(), plain, n=1, cutoff=0.8 if word.startswith("--") else 0.5) if word else []
+    near = get_close_matches(word.lower(), plain, n=1, cutoff=0.8 if word.startswith("--") else 0.6) if word else []
     return f"; is {plain[near[0]]!r} meant?" if near else ""
 
 

@@ -28,7 +28,7 @@ from session.base.options import (
     log_written,
     meant,
 )
-from session.base.texts import command_line, printable, program
+from session.base.texts import command_line, program
 from tinygc.cli.commands import command_module, commands, grouped
 from tinygc.cli.defaults import take_defaults
 
@@ -208,7 +208,7 @@ class _Parser(argparse.ArgumentParser):
         return text + (f"\n--help-all shows {len(rare)} further options\n" if rare else "")
 
     def error(self, message: str) -> NoReturn:
-        self.exit(2, f"calibrate: {printable(message)}; see --help\n")
+        raise CalibrationError(f"{message}; see --help")
 
     def parse_known_args(self, args: Sequence[str] | None = None, namespace: Any = None) -> Any:  # type: ignore[override]
         """Refuse a long option that is not known before what it stood for is found missing."""
@@ -227,7 +227,7 @@ class _Parser(argparse.ArgumentParser):
             command = isinstance(action, argparse._SubParsersAction)
             known = list(map(str, action.choices))
             near = meant(str(value), known)
-            listed = "" if near and command else f", expected {', '.join(known)}"  # the commands would fill three lines
+            listed = "" if command else f", expected {', '.join(known)}"  # the commands would fill three lines
             label = f"{str(value)[:80]!r} is no {'command' if command else 'choice'}{listed}{near}"
             raise argparse.ArgumentError(None if command else action, label)
 

@@ -214,7 +214,7 @@ class FitOptions(AtRest, Clock, Exclude):
     """
 
     methods: tuple[str, ...] = option(
-        CHOSEN, f"methods, in the order of the report, among {','.join(CHOSEN)}", some=CHOSEN, of_methods=False, rare=True
+        CHOSEN, f"methods, in the order of the report, among {', '.join(CHOSEN)}", some=CHOSEN, of_methods=False, rare=True
     )
     folds: int = option(5, "folds of the held-out closure", least=2, cli=False)
     seed: int = option(0, "seed of the swarm", least=0, cli=False)

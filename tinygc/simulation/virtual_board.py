@@ -61,7 +61,7 @@ class LineFaults:
                 raise CalibrationError(f"--faults {word!r}: expected NAME=NUMBER") from None
             most = 1.0 if name in known[:3] else 1e9
             if name not in known or not 0 <= chosen[name] <= most:
-                raise CalibrationError(f"--faults {word!r}: expected one of {', '.join(known)}, from 0 to {most:g}")
+                raise CalibrationError(f"--faults {word!r}: expected one of {', '.join(known)}, from 0 to {most:.0f}")
         return cls(**chosen)
 
 

@@ -464,5 +464,5 @@ def test_a_data_sheet_promises_noise_drift_and_references(noise_mdps, dph):
     assert found.tilt_rms == pytest.approx(np.sqrt(np.mean(variance)))
     assert found.turn_s == 5.0
     assert found.source == ("the noise in session.toml" if noise_mdps else "an ASM330LHH's data sheet")
-    assert found.noisier == ("" if noise_mdps else "this unit has 7.1 mdps/√Hz of noise, 5 there")
+    assert found.noisier == ("" if noise_mdps else "this unit has 7.1 mdps/√Hz of noise, its data sheet 5")
     assert promise_of(problem(unit_mdps=6.9)).noisier == ""  # units differ by 1.4

@@ -12,6 +12,7 @@ import numpy as np
 from session.base.errors import FormatError
 from session.base.files import MOST_TOML, copy_new, folder_whole, read_text, require_empty, write_new
 from session.base.numeric import UPPER, sigma_of, sigmas_in
+from session.base.texts import probability
 from session.base.toml import edited
 from session.base.units import DEG, MG
 from session.detect.stills import Still
@@ -182,10 +183,10 @@ class ZeroDrift:
 
     @property
     def words(self) -> str:
-        """``the zero drifts by -4.6 ± 0.4 mg on z within 600 s (p = 1e-05)``: the most significant axis."""
+        """``the zero drifts by -4.6 ± 0.4 mg on z within 600 s (p < 0.001)``: the most significant axis."""
         axis = int(np.argmax(np.abs(self.mps2) / self.sigma_mps2))
         size = f"{self.mps2[axis] / MG:+.2f} ± {self.sigma_mps2[axis] / MG:.2f} mg on {'xyz'[axis]}"
-        return f"the zero drifts by {size} within {self.duration_s:.0f} s (p = {self.p_value:.1g})"
+        return f"the zero drifts by {size} within {self.duration_s:.0f} s ({probability(self.p_value)})"
 
     def turned(self, before: Accelerometer) -> ZeroDrift:
         """The drift of what was measured, from that of the force which a calibration makes of it."""

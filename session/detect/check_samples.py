@@ -226,8 +226,8 @@ def _repeats(log: Log, stills: list[Still]) -> list[Finding]:
     do = "read on the data-ready signal or from the FIFO; log each sample once"
     where, rows_hz = log.path.name, 1 / samples.period_s
     if held[2]:
-        fresh_hz = (1 - shares[2]) * rows_hz
-        text = f"{shares[2]:.0%} of the rows repeat all six readings (by noise {chances[2]:.1g}): new ones come at {fresh_hz:.0f} Hz"
+        fresh_hz, by_chance = (1 - shares[2]) * rows_hz, "below 0.1%" if chances[2] < 1e-3 else f"{chances[2]:.1%}"
+        text = f"{shares[2]:.0%} of the rows repeat all six readings (by noise {by_chance}): new ones come at {fresh_hz:.0f} Hz"
         return [Finding("warning", where, HELD, text, do)]
     findings = []
     for name, level, each, share, is_held in zip(("gyro", "accelerometer"), ("warning", "note"), new, shares, held, strict=False):

@@ -141,7 +141,7 @@ def check_noise(where: str, noise: Noise | None, sensor: Sensor, samples: Sample
     spectrum = partial(rest_spectrum, samples, stills)
     return [
         _noise_finding(where, GYRO_NOISE, xyz_text(mdps, 1) + " mdps/√Hz", mdps, gyro, "give sensor.gyro_noise_mdps_rthz", spectrum),
-        _noise_finding(where, ACCEL_NOISE, xyz_text(ug, 0) + " ug/√Hz", ug, accel, "", spectrum),
+        _noise_finding(where, ACCEL_NOISE, xyz_text(ug, 0) + " µg/√Hz", ug, accel, "", spectrum),
     ]
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from session.base.errors import CalibrationError
 from session.base.progress import Reporter, no_report
+from session.base.texts import probability
 from session.base.units import DEG_PER_HOUR
 from session.detect.check_references import ACCELEROMETER, ZERO_DRIFT, drift_finding, with_own_accelerometer
 from session.detect.check_samples import BRIDGED, IMPACTS, with_bridges
@@ -243,7 +244,7 @@ def _joint_finding(finding: Finding, joint: JointFit) -> Finding:
 
 
 def _refuted(joint: JointFit, free: JointFit | None) -> Finding:
-    text = f"the given calibration no longer agrees with the data (p = {joint.p_value:.1g})"
+    text = f"the given calibration no longer agrees with the data ({probability(joint.p_value)})"
     if free is not None:
         text += f": {free.words}"
     do = "the fit takes what these stills and turns give; calibrate the accelerometer again, or keep it with --accelerometer given"

@@ -14,7 +14,7 @@ from session.base import rotation
 from session.base.numeric import sigmas_in
 from session.base.records import Count, Key, Share, Size
 from session.base.results import Maybe, Number, Text
-from session.base.texts import significant
+from session.base.texts import measured, probability, significant
 from session.base.units import DEG, MG
 from session.detect.accelerometer import DRIFTS, IDENTITY, NAMES, PARAMETERS, SCALES, ZeroDrift, corrected
 from session.detect.bridging import GAP
@@ -118,8 +118,7 @@ DRIFTS_DO = "let the board warm up, fasten it and its cable, and hold it still f
 
 def _warning(where: str, found: NoiseComparison, what: str, file: str, do: str, more: str = "") -> Finding:
     ratio, low, high = (significant(value, 3) for value in (found.ratio, found.low, found.high))
-    p = f"p = {found.p_value:.1g}" if found.p_value > 1e-99 else "p < 1e-99"
-    text = f"{what}: {ratio} times that of {file} (95 %: {low} to {high}; {p}){more}"
+    text = f"{what}: {ratio} times that of {file} (95 %: {low} to {high}; {probability(found.p_value)}){more}"
     of_file = f"is {file} of this unit, in this range? measure it again with noise record"
     return Finding("warning", where, WHAT, text, f"{do}; {of_file}" if found.ratio > 1 else of_file)
 
@@ -243,7 +242,7 @@ class JointFit:
         sure = np.abs(off) > REPORTED_SIGMAS * sigma
         sure[np.argmax(np.abs(off) / sigma)] = True
         found = zip(NAMES, off, sigma, sure, strict=True)
-        return ", ".join(f"{name} by {value:.2g} ± {s:.1g} mg" for name, value, s, there in found if there)
+        return ", ".join(f"{name} by {measured(value, s)} mg" for name, value, s, there in found if there)
 
     def moved(self, force: np.ndarray, share: np.ndarray) -> np.ndarray:
         """Convert forces (Q, 3) m/s^2 from the previous calibration to the new one, at these shares (Q,) of the session."""

@@ -8,6 +8,7 @@ import numpy as np
 
 from session.base.errors import CalibrationError
 from session.base.numeric import rms_length
+from session.base.texts import probability
 from session.base.units import DEG
 from session.detect.check_stills import ENOUGH_SEGMENTS
 from session.detect.segments import FEWEST_SEGMENTS
@@ -78,7 +79,7 @@ class BiasChoice:
         if self.used == "stills" or ends < (1 - SAME) * stills:
             return "which closes held-out turns better"
         if stills < (1 - SAME) * ends:
-            return f"so few turns do not show that the stills are better, p = {self.p_value:.2g}"
+            return f"so few turns do not show that the stills are better ({probability(self.p_value)})"
         return f"both close held-out turns within {100 * SAME:g} %"
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from session.base.numeric import rms_of
 from session.base.records import Share, Size
+from session.base.texts import probability
 from session.base.units import DEG
 from session.detect.check_stills import ENOUGH_SEGMENTS
 from tinygc.closure.problem import Problem
@@ -190,7 +191,7 @@ def _why(used: str, p_value: float | None, able: list[str], tilts: Mapping[str, 
         return f"{held}, the only one that is better than the raw rates"
     if used != able[0]:
         simpler = METHODS[able[0]].title
-        return f"{held} instead of {tilts[able[0]]:.4f}° ({simpler}), significantly better (p = {p_value:.2g})"
+        return f"{held} instead of {tilts[able[0]]:.4f}° ({simpler}), significantly better ({probability(p_value)})"
     if p_value is None:
         return f"{held}, the simplest model within {100 * SAME:g} % of the best"
-    return f"{held}, the simplest model; none is significantly better ({METHODS[best].title} {tilts[best]:.4f}°, p = {p_value:.2g})"
+    return f"{held}, the simplest model; none is significantly better ({METHODS[best].title} {tilts[best]:.4f}°, {probability(p_value)})"

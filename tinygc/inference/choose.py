@@ -27,6 +27,7 @@ from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
+from session.base.texts import probability
 from tinygc.inference.solve import UNSEEN, left_of, orthonormal, unit_columns
 
 #: level of every test, family-wise where several are made, and of the limits, which hold with 95 %; of 200 sessions with nothing wrong the
@@ -519,7 +520,7 @@ class Statement:
             Standing.BOUNDED: f"below {self.limit} with 95 %",
             Standing.UNDECIDED: f"undecided; {self.size}; more than {self.limit} is excluded with 95 %",
         }
-        return f"{self.what}: {words[self.standing]} ({self.test}, p = {self.p_value:.2g}){self.more}"
+        return f"{self.what}: {words[self.standing]} ({self.test}, {probability(self.p_value)}){self.more}"
 
     def table(self) -> dict[str, Any]:
         """Return it for JSON."""

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from session.base.numeric import rms_of, sigmas_in
-from session.base.texts import command_line, fixed, listed, printable, significant
+from session.base.texts import command_line, fixed, listed, printable, probability, significant
 from session.base.units import DEG, MG
 from session.detect.accelerometer import LengthFit
 from tinygc.estimation.accelerometer import AccelerometerFit, drift_json
@@ -242,8 +242,7 @@ def _noise_words(result: FitResult) -> list[Text]:
     words = []
     if result.goodness.excess > 1 or any(test.name == NOISE for test in contradictions(result.tests)):
         above = closure_figures(result.linear.angles)["tilt_rms_deg"] / (result.problem.floor.tilt_rms / DEG)
-        p_value = result.goodness.p_value
-        p = f" (p {f'= {p_value:.1g}' if p_value > 1e-99 else '< 1e-99'})" if result.goodness.excess > 1 else ""
+        p = f" ({probability(result.goodness.p_value)})" if result.goodness.excess > 1 else ""
         if above >= 1:
             much = f"The closure is {above:.1f} times its noise floor{p}"
         else:  # for all turns together; it is larger if each is weighted by its own or the estimated noise

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 #: figure -> its name for the user, and its unit
 FIGURES = {
     "gyro_noise_mdps_rthz": ("gyroscope noise", "mdps/√Hz"),
-    "accel_noise_ug_rthz": ("accelerometer noise", "ug/√Hz"),
+    "accel_noise_ug_rthz": ("accelerometer noise", "µg/√Hz"),
     "gyro_bias_instability_dph": ("bias instability", "deg/h"),
     "zero_rate_dps": ("zero-rate level, at most", "dps"),
     "accel_zero_mg": ("accelerometer's zero, at most", "mg"),

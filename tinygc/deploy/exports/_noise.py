@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from session.base.texts import command_line, shell_word
+from session.base.texts import command_line, probability, shell_word
 from session.base.units import DEG, DEG_PER_HOUR, G
 from tinygc.deploy import ExportError
 from tinygc.deploy.exports._context import Context
@@ -117,10 +117,10 @@ def densities(
         if white is not None and walk is not None:
             found[kind] = Densities(white, walk)
         elif kind in needed and kind in measured and not any(axis.is_described for axis in measured[kind].axes):
-            chances = ", ".join(f"{axis.p_value:.2g}" for axis in measured[kind].axes)
+            chances = ", ".join(probability(axis.p_value) for axis in measured[kind].axes)
             stills = f", or move {FILE} away to export the noise of the stills" if context.fit.get("noise") else ""
             raise ExportError(
-                f"{name} needs the noise of the {SENSORS[kind]}, and the terms describe none of its axes (p = {chances}): record "
+                f"{name} needs the noise of the {SENSORS[kind]}, and the terms describe none of its axes ({chances}): record "
                 f"again away from what shakes or warms it{stills}"
             )
         elif kind in needed and white is None:
@@ -210,7 +210,7 @@ def _left_out(context: Context) -> list[str]:
     """One line for each axis whose data the terms do not describe."""
     sensors = {} if context.noise is None else context.noise.sensors()
     return [
-        f"{SENSORS[kind]} {name}: the terms do not describe its data (p = {axis.p_value:.2g}): left out"
+        f"{SENSORS[kind]} {name}: the terms do not describe its data ({probability(axis.p_value)}): left out"
         for kind, sensor in sensors.items()
         for name, axis in zip("xyz", sensor.axes, strict=True)
         if not axis.is_described

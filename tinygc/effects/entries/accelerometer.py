@@ -35,7 +35,7 @@ def _description(theta: np.ndarray) -> str:
         scale, shear = (np.abs((OBSERVED @ theta)[list(which)]).max() / G for which in (SCALES, SHEARS))
         found += [f"by {scale * 1e6:.0f} ppm of scale", f"by {shear * 1e3:.1f} mrad of nonorthogonality"]
     where = " and ".join([", ".join(found[:-1]), found[-1]] if len(found) > 1 else found)
-    return f"the accelerometer is off {where}: calibrate it again first"
+    return f"the accelerometer is off {where}: calibrate the accelerometer again first"
 
 
 _BIAS = Effect(

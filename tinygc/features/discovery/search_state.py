@@ -9,6 +9,7 @@ from typing import Annotated
 import numpy as np
 
 from session.base.records import Count, Key
+from session.base.texts import probability
 from session.base.units import DEG
 from tinygc.closure.problem import Problem
 from tinygc.effects import Effect
@@ -458,7 +459,7 @@ def refused(searched: SearchState, law: Effect) -> str | None:
         if test.removed is not None and test.removed <= 0:
             return f"the best form worsens the closure of the held-out segments: {text}"
         if test.p_value > HELD_OUT_P:
-            return f"chance improves the held-out segments as much as the best form does, with p = {test.p_value:.2g}: {text}"
+            return f"chance improves the held-out segments as much as the best form does ({probability(test.p_value)}): {text}"
     return None
 
 

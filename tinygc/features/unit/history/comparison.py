@@ -95,7 +95,7 @@ class Compared(Shown):
     triads: Agreement | None
 
     def __repr__(self) -> str:
-        return f"<Compared {len(self.sessions)} sessions: {'agree' if self.agree else 'differ'}, p = {self.p_value:.2g}>"
+        return f"<Compared {len(self.sessions)} sessions: {'agree' if self.agree else 'differ'}, {probability(self.p_value)}>"
 
     @property
     def verdict(self) -> Agreement:

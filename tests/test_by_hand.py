@@ -50,7 +50,7 @@ def test_a_turn_left_out_is_in_no_fit_and_comes_back_to_the_same_bits(folder, un
     add_by_hand(toml, row)
     without, asked = fit_session(folder, OPTIONS), fit_session(SESSION, FitOptions(methods=("least_squares",), exclude=(6,)))
     assert [s.number for s in without.problem.segments if not s.accepted] == [6]
-    assert without.problem.segments[6].problem == "was left out by hand (session.toml)"
+    assert without.problem.segments[6].problem == "it was left out by hand (session.toml)"
     np.testing.assert_array_equal(without.linear.linear.vector, asked.linear.linear.vector)
     assert not np.array_equal(without.linear.linear.vector, untouched.linear.linear.vector)
     assert [f.description for f in without.warnings] == ["1 segment left out by hand (session.toml)"]
@@ -129,3 +129,25 @@ def test_a_saved_session_and_one_on_another_clock_keep_the_changes(folder, untou
     assert saved.config.still[0].log == "log0001.csv"
     assert [(s.start, s.stop) for s in stills[1]] == [(s.start, s.stop) for s in stills[0]]
     assert session.config.on_time(lambda at_s: at_s / 2).still[0].from_s == (first + 0.4) / 2
+
+
+WRITTEN = {
+    "no line end": lambda text: text.rstrip("\n"),
+    "a comment at the end": lambda text: text + "# measured on a Monday",
+    "CRLF": lambda text: text.replace("\n", "\r\n"),
+    "a byte order mark": lambda text: "\ufeff" + text,
+    "an array within a line": lambda text: 'exclude = [{log = "log0001.csv", at_s = 30.0}]\n' + text,
+}
+
+
+@pytest.mark.parametrize("how", WRITTEN)
+def test_a_change_taken_back_leaves_no_trace_however_the_file_is_written(folder, how):
+    toml, rows = folder / "session.toml", (LeftOut(LOG, 41.0), StillByHand(LOG, 48.9, 48.2, 50.1), LeftOut(LOG, 60.0))
+    toml.write_bytes(before := WRITTEN[how](toml.read_text(encoding="utf-8")).encode())
+    for row in rows:
+        add_by_hand(toml, row)
+    config = read_session(folder).config
+    assert (config.exclude[-2:], config.still) == (rows[::2], rows[1:2])
+    for row in rows:
+        remove_by_hand(toml, row)
+    assert toml.read_bytes() == before

@@ -197,7 +197,7 @@ def test_stills_and_turns_are_counted_over_all_logs():
     first, second = session_segments(session, of, (), said.append)
     assert said == ["stills of a.csv", "stills of b.csv", "stills of c.csv"]
     assert [(s.number, s.log, s.problem) for s in (*first.segments, *second.segments)] == [
-        (0, 0, None), (1, 0, None), (2, 1, None), (3, 1, "was left out by hand (session.toml)"),
+        (0, 0, None), (1, 0, None), (2, 1, None), (3, 1, "it was left out by hand (session.toml)"),
     ]  # fmt: skip
     first, second = session_segments(session, of, (1, 3))
     moving = "turns about the vertical"

@@ -50,6 +50,8 @@ def check_stills(where: str, stills: list[Still], blind: bool) -> list[Finding]:
         return []
     if not good:
         do = "let go of the table for still_s between turns; is it vibrating?"
+        if stills and all(still.problem == BY_HAND for still in stills):
+            return [Finding("error", where, "stills", f"each of {len(stills)} {BY_HAND}", "take one back: remove its entry of [[still]]")]
         reason = f"none of {len(stills)} quiet phases is at rest: each {stills[0].problem}" if stills else "none found: it never rests"
         return [Finding("error", where, "stills", reason, do)]
     durations = np.array([still.duration_s for still in good])

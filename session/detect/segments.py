@@ -234,7 +234,7 @@ def run_ends(samples: Samples, stills: list[Still], sensor: Sensor, put_in: np.n
 def without_excluded(segments: list[Segment], samples: Samples, log: Path, rows: Sequence[LeftOut]) -> list[Segment]:
     """The segments of one log; those that hold one of its moments have a problem."""
     moments = moments_of(log, rows)
-    return [replace(s, problem=BY_HAND) if any(moved_at(s, samples, at_s) for at_s in moments) else s for s in segments]
+    return [replace(s, problem=f"it {BY_HAND}") if any(moved_at(s, samples, at_s) for at_s in moments) else s for s in segments]
 
 
 def moments_of(log: Path, rows: Sequence[ByHand]) -> list[float]:

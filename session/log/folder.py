@@ -560,7 +560,15 @@ def add_by_hand(path: Path, row: ByHand) -> str:
 
     text, table = _read(path)
     key = KEYS[type(row)]
-    return _replace(path, _ended(text) + by_hand_text(row), table | {key: [*table.get(key, []), _stated(row)]})
+    wanted = table | {key: [*table.get(key, []), _stated(row)]}
+    added = text + by_hand_text(row)  # which begins with a new line: a last line without one is left so when the row goes
+    try:
+        right = _parsed(added, "") == wanted
+    except FormatError:
+        right = False
+    if not right and key in table:  # as an array within a line
+        added = edited(text, lambda document: document[key].append(_stated(row)))
+    return _replace(path, added, wanted)
 
 
 def remove_by_hand(path: Path, row: ByHand) -> str:
@@ -615,7 +623,7 @@ def _replace(path: Path, text: str, wanted: dict) -> str:
     except FormatError:
         right = False
     if not right:
-        raise FormatError(f"{path}: its form leaves no place to add to; put what you want to note below [notes] by hand")
+        raise FormatError(f"{path}: its form leaves no place to add to; write it there yourself")
     try:
         with replaced(path) as file:
             file.write(text.encode())

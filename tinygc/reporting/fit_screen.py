@@ -46,7 +46,7 @@ def _remarks(result: FitResult) -> list[Text]:
     """What costs accuracy."""
     warned = [f"{w.where}: {w.description}" for w in result.warnings if w.level == "warning"]
     found = [*dict.fromkeys(warned), *(f"{TITLES[name]}: {why}" for name, why in result.not_run.items())]
-    if left_out := sum(segment.problem not in (None, BY_HAND) for segment in result.problem.segments):
+    if left_out := sum(segment.problem not in (None, f"it {BY_HAND}") for segment in result.problem.segments):
         found.append(f"{left_out} turn{'s' * (left_out > 1)} left out")
     if words := result.session.config.sensor.clock_words:
         found.append(f"{words}, included in every scale's sigma; `fit --clock arrivals` takes it out")

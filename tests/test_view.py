@@ -1,5 +1,6 @@
 """What ``view`` shows: curves that lose no peak, stills, segments and closure as the fit has them, and what is changed by hand."""
 
+import errno
 import json
 import re
 import shutil
@@ -7,17 +8,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from processes import until
 
 from calibrate import main
 from session.base.units import DEG, STANDARD_GRAVITY_MPS2
 from session.bench.page.server import PageServer
 from session.log.folder import read_session
+from tinygc.cli.arguments import _is_result
 from tinygc.cli.commands.view import Viewer
 from tinygc.closure.residual import closure_angles
 from tinygc.estimation.options import FitOptions
 from tinygc.fitting.fit import fit_session
 from tinygc.models.linear import bias_only
-from tinygc.reporting.view.content import Closure, Recording
+from tinygc.reporting.view.content import Closure, Recording, fitted
 from tinygc.reporting.view.curves import Curves
 from tinygc.reporting.view.page import whole_page
 
@@ -82,7 +85,9 @@ def test_what_cannot_be_fitted_is_shown_with_the_reason(recording):
 
 
 def test_out_writes_one_file_that_loads_nothing(tmp_path, capsys):
+    (tmp_path / "view.html").write_text("<!DOCTYPE html>\n<title>TinyGC: of an earlier time</title>", encoding="utf-8")
     assert main(["view", str(SESSION), "--out", str(tmp_path / "view.html")]) == 0
+    assert _is_result(tmp_path / "view.html")  # and it may be written again
     assert capsys.readouterr().out == f"written: {tmp_path / 'view.html'}\n"
     page = (tmp_path / "view.html").read_text(encoding="utf-8")
     assert not re.search(r"""(src|href)=["']?(?!data:)""", page.split("<script")[0])
@@ -149,6 +154,9 @@ def test_moved_ends_are_kept_and_moved_again(viewer):
         ({"do": "leave out", "kind": "segment", "number": 400}, 400, ""),
         ({"do": "move", "kind": "still", "number": 9, "ends": ["a", None]}, 400, ""),
         ({"do": "leave out"}, 400, ""),
+        ({"do": "leave out", "kind": "segment", "number": float("inf")}, 400, ""),
+        ({"do": "leave out", "kind": "still", "number": -1}, 400, ""),
+        ({"do": "move", "kind": "still", "number": 9, "ends": [float("nan"), 50.0]}, 400, ""),
         ([], 400, ""),
     ],
 )
@@ -158,6 +166,30 @@ def test_a_change_that_cannot_be_changes_nothing(viewer, asked, status, says):
     assert says in viewer._refused
     assert viewer.toml.read_bytes() == before
     assert not shown(viewer)["stale"]
+
+
+def test_a_full_disk_leaves_the_file_as_it_is(viewer, monkeypatch):
+    assert wish(viewer, do="leave out", kind="still", number=9) == 200
+    before = viewer.toml.read_bytes()
+
+    def full(_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("os.fsync", full)
+    assert wish(viewer, do="leave out", kind="segment", number=3) == 409
+    assert viewer._refused.startswith("No space left on device")
+    assert viewer.toml.read_bytes() == before
+
+
+def test_a_fit_that_fails_is_stated_and_the_page_goes_on(viewer, monkeypatch):
+    works, given = fitted, iter([lambda *_: 1 / 0])
+    monkeypatch.setattr("tinygc.reporting.view.content.fitted", lambda *each: next(given, works)(*each))
+    viewer.start()
+    until(lambda: not viewer._doing)
+    assert "ZeroDivisionError" in shown(viewer)["why"]
+    assert wish(viewer, do="refit") == 200
+    until(lambda: not viewer._doing)
+    assert shown(viewer)["closure"]["turns"] == 40
 
 
 @pytest.mark.parametrize("name", ["", "curves/1", "curves/a/b/c", "curves/nan/1/5", "content/1", "../session.toml"])

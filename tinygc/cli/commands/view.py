@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from http import HTTPStatus
 from json import dumps, loads
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -136,6 +137,7 @@ class Viewer:
 
     def hear(self, body: bytes) -> HTTPStatus:
         """Do what the page asks for."""
+        from session.base.files import replaced
         from session.log.folder import add_by_hand, remove_by_hand
 
         try:
@@ -154,14 +156,16 @@ class Viewer:
                     recording = self.recording.again()
                     recording.parts  # noqa: B018  # a change that cannot be is refused here
                 except CalibrationError:
-                    self.toml.write_bytes(kept)
+                    if self.toml.read_bytes() != kept:  # whole or not at all: a full disk leaves the file as it is
+                        with replaced(self.toml) as file:
+                            file.write(kept)
                     raise
                 self.recording, self._stale, self._refused = recording, True, ""
-        except CalibrationError as error:
+        except (CalibrationError, OSError) as error:
             self._refused = printable(str(error).removeprefix(f"{self.toml}: "))
             self._publish()
             return HTTPStatus.CONFLICT
-        except (ValueError, TypeError, KeyError, LookupError, StopIteration):
+        except (ValueError, TypeError, ArithmeticError, LookupError, StopIteration, RecursionError):
             return HTTPStatus.BAD_REQUEST
         self._changed()
         return HTTPStatus.OK
@@ -183,6 +187,8 @@ class Viewer:
         if wish["do"] == "leave out":
             return gone, recording.change(number, None)
         start_s, stop_s = map(float, wish["ends"])
+        if not isfinite(start_s) or not isfinite(stop_s):
+            raise ValueError(wish["ends"])
         return gone, recording.change(number, (start_s, stop_s))
 
     def _changed(self) -> None:
@@ -208,7 +214,10 @@ class Viewer:
 
         while True:
             recording = self._fits.get()
-            closure, why = fitted(recording, progress)
+            try:
+                closure, why = fitted(recording, progress)
+            except Exception as error:  # a defect ends this fit, and not the page
+                closure, why = None, f"the program failed ({type(error).__name__}: {error}); take the last change back, and report this"
             with self._changing:
                 self._before, self._closure, self._why = self._closure, closure, why
                 self._stale, self._doing = recording is not self.recording, ""

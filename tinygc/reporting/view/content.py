@@ -196,7 +196,7 @@ class Recording:
     def place(self, still: int) -> tuple[int, int]:
         """Log, and number in it, of a still counted over all logs.  Raises LookupError."""
         for log, part in enumerate(self.parts):
-            if still < len(part.stills):
+            if 0 <= still < len(part.stills):
                 return log, still
             still -= len(part.stills)
         raise LookupError(still)

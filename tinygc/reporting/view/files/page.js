@@ -65,9 +65,10 @@ async function state(event) {
   version = now.version;
   const [pieces, given] = await Promise.all([source.whole.length ? source.whole : fetch("curves").then(answer => answer.json()), fetch("content").then(answer => answer.json())]);
   source.whole = pieces;
-  take(given);
+  if (now.version === version) take(given); // else a newer one is on its way
 }
 
+addEventListener("beforeprint", () => { document.getElementById("turns").open = true; });
 listAxes();
 const data = document.getElementById("data");
 if (data) {

@@ -110,7 +110,7 @@ def test_the_source_is_the_one_asked_for_or_shown_to_be_better(monkeypatch, aske
     ("asked", "used", "unseen", "of_prior", "words"),
     [
         ("auto", "stills", False, False, "of each turn from the stills around it (which closes held-out turns better);"),
-        ("auto", "ends", False, True, "from the ends of the turns (so few turns do not show that the stills are better (p = 0.031));"),
+        ("auto", "ends", False, True, "from the ends of the turns (so few turns do not show that the stills are better, p = 0.031);"),
         ("auto", "stills", True, False, "of each turn from the stills around it: the ends of so few turns do not show it."),
         ("auto", "stills", False, True, "with a prior and few turns, using their ends is not significantly better."),
         ("stills", "stills", True, True, "(as requested); held out with the ends 5.0000°, with the stills 1.0000°."),

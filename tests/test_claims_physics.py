@@ -292,10 +292,10 @@ def test_absence_is_stated_only_as_a_bound(standing, known):
     assert standing_of(**known) is standing
     assert upper_limit(-2.0, 0.5) == upper_limit(2.0, 0.5) == pytest.approx(2 + 1.6449 * 0.5, abs=1e-4)
     said = {
-        Standing.FOR: "common part: 0.01 ± 0.02° (chi-square, p = 0.2)",
-        Standing.AGAINST: "common part: 0.01 ± 0.02°, not 0.1° (chi-square, p = 0.2)",
-        Standing.BOUNDED: "common part: below 0.04° with 95 % (chi-square, p = 0.2)",
-        Standing.UNDECIDED: "common part: undecided; 0.01 ± 0.02°; more than 0.04° is excluded with 95 % (chi-square, p = 0.2)",
+        Standing.FOR: "common part: 0.01 ± 0.02° (chi-square, p = 0.20)",
+        Standing.AGAINST: "common part: 0.01 ± 0.02°, not 0.1° (chi-square, p = 0.20)",
+        Standing.BOUNDED: "common part: below 0.04° with 95 % (chi-square, p = 0.20)",
+        Standing.UNDECIDED: "common part: undecided; 0.01 ± 0.02°; more than 0.04° is excluded with 95 % (chi-square, p = 0.20)",
     }
     assert Statement("common part", standing, "chi-square", 0.2, "0.01 ± 0.02°", "0.04°", "0.1°").words == said[standing]
 
@@ -337,7 +337,7 @@ def test_a_familys_size_is_from_lowest_to_highest_and_its_members_share_its_prob
     found = slow_zero(twin_of(), [drift(0.6, warm=0.2, asymmetry=0.2)])
     assert (found.size_rps, found.axis) == (pytest.approx(0.2 * DEG * 0.99), 1)
     assert list(found.shares.items()) == [("gyro.bias_drift", pytest.approx(0.75)), ("unknown.warm_up", pytest.approx(0.25))]
-    assert "moves by 0.2 dps on y over the session, most likely a steady drift or slow warm-up (0.75 among those weighed)" in found.words
+    assert "moves by 0.20 dps on y over the session, most likely a steady drift or slow warm-up (0.75 among those weighed)" in found.words
     assert found.words.endswith("a warm-up within the session (0.25); temperature was not recorded")
     both = slow_zero(twin_of(), [drift(0.9), drift(0.9, "gyro.bias_step", (0.0, 0.3, 0.0))])
     assert both.size_rps == pytest.approx(0.298 * DEG)

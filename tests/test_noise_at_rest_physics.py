@@ -188,7 +188,7 @@ def test_a_figure_is_never_confirmed():
     assert (note.level, note.what) == ("note", "noise at rest")
     warning, second = MeasuredNoise(Path("fit/noise.json"), "", None, (near, near, more), more).findings("s")
     assert warning.level == second.level == "warning"
-    assert warning.description == "white noise of the stills on z: 1.42 times that of noise.json (95 %: 1.30 to 1.55; p = 1e-08)"
+    assert warning.description == "white noise of the stills on z: 1.42 times that of noise.json (95 %: 1.30 to 1.55; p < 0.001)"
     assert second.description.endswith("no prior of this session")
     assert MeasuredNoise(Path("fit/noise.json"), "", None).findings("s") == []
 

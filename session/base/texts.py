@@ -169,9 +169,9 @@ def degrees(angle_rad: float) -> str:
     return f"{significant(angle_rad / DEG)}°"
 
 
-def probability(p: float, is_bound: bool = False) -> str:
+def probability(p: float | None, is_bound: bool = False) -> str:
     """Text ``p = 0.31``; ``p < 0.31`` of a bound, and ``p < 0.001`` of all that is less."""
-    if not isfinite(p):
+    if p is None or not isfinite(p):
         return f"p {NONE}"
     return f"p {'<' if is_bound or p < LEAST_P else '='} {significant(max(p, LEAST_P), 2 if p >= LEAST_P else 1)}"
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from session.base import rotation
 from session.base.numeric import smallest_step
+from session.base.texts import measured
 from session.base.units import DEG, MDPS, NS
 from session.detect.findings import Axes, Correction, Finding
 from session.detect.segments import Ends
@@ -417,7 +418,7 @@ def _scale_finding(log: Log, found: AxesAgreement, turns: str, config: Config) -
     where = log.path.name
     # By gravity within the turns alone, twice what a hand's pushes usually make of it.
     k, bar = found.scale, SCALE_OK if found.scale_std <= SCALE_OK else 2 * found.scale_std
-    text = f"gravity requires rates x {k:.3g} (bar 1 ± {bar:g}, {turns})"
+    text = f"gravity requires rates x {measured(float(f'{k:.3g}'))} (bar 1 ± {bar:g}, {turns})"
     if abs(k - 1) <= bar:
         return Finding("ok", where, "gyro scale", text)
     step_mdps = min(smallest_step(axis) for axis in log.samples.gyro.T) / MDPS

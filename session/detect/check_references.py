@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from session.base.rotation import angle_between
+from session.base.texts import significant
 from session.base.units import DEG, MG
 from session.detect.accelerometer import SCALES, LengthFit, ZeroDrift, fit_lengths, force_of, times_of, why_not
 from session.detect.dials import down_of_dials
@@ -146,7 +147,7 @@ def _check_zero(own: LengthFit, sensor: Sensor) -> list[Finding]:
     value, sigma = (each / MG for each in own.zero)
     if np.all(np.abs(value) - WITHIN * sigma <= bar):
         return []
-    shown = ", ".join(f"{each:+.1f} ± {s:.1g}" for each, s in zip(value, sigma, strict=True))
+    shown = ", ".join(f"{each:+.1f} ± {significant(s, 1)}" for each, s in zip(value, sigma, strict=True))
     do = "a calibration removes it; a unit that far off is worth a look, or the units and the mounting of its axes"
     return [Finding("warning", SESSION_FILE, FAR_ZERO, f"{shown} mg, bar {bar:g} ({name})", do)]
 

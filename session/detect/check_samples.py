@@ -509,8 +509,8 @@ def check_bridges(log: Log, sensor: Sensor, stills: list[Still], noise: Noise | 
     floor = noise_floor(noise, segment_s)
     worst = max(float(np.linalg.norm(bridge.sigma_rad)) for bridge in bridges)
     text = "; ".join(text for text in (_gaps_text(bridges), _peaks_text(bridges)) if text)
-    text += f": put in from their neighbours, off by {worst / DEG:.2g} deg at worst"
-    text += f" (gyro noise per segment {floor / DEG:.2g})" if np.isfinite(floor) else ""
+    text += f": put in from their neighbours, off by {significant(worst / DEG, 2)} deg at worst"
+    text += f" (gyro noise per segment {significant(floor / DEG, 2)})" if np.isfinite(floor) else ""
     do = "their turns count, with so much wider a sigma"
     return [Finding("warning" if worst > floor else "note", log.path.name, BRIDGED, text, do)]
 

@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from session.base.numeric import rms_of, running_sum
+from session.base.texts import measured, significant
 from session.base.units import DEG, NS
 from session.detect.axes import share_of_stretch
 from session.detect.findings import Correction, Finding
@@ -74,7 +75,7 @@ def _rates(true_hz: float, sensor: Sensor, rate_hz: float) -> tuple[Correction, 
     ratio = true_hz / sensor.odr_hz
     declared = Correction(f"the data rate is {rate_hz:.5g} Hz, not {sensor.odr_hz:g}", settings=(("odr_hz", float(f"{rate_hz:.5g}")),))
     fits = sensor.profile is None or abs(true_hz / rate_hz - 1) < ODR_WRONG
-    stamps = Correction(f"time runs {max(ratio, 1 / ratio):.4g} times too {'fast' if ratio > 1 else 'slowly'}", "time", ratio)
+    stamps = Correction(f"time runs {measured(max(ratio, 1 / ratio))} times too {'fast' if ratio > 1 else 'slowly'}", "time", ratio)
     return (declared, stamps) if fits else (stamps,)
 
 
@@ -142,7 +143,8 @@ def check_length(log: Log, segment_s: float) -> list[Finding]:
     length_s = log.samples.duration_s
     if length_s >= segment_s:
         return []
-    text = f"no still and no turn: all {len(log.samples)} samples lie within {length_s:.3g} s, less than one segment of {segment_s:g} s"
+    within = f"{significant(length_s)} s, less than one segment of {segment_s:g} s"
+    text = f"no still and no turn: all {len(log.samples)} samples lie within {within}"
     return [Finding("error", log.path.name, "time unit", text, "is the time column's unit right (us read as ns)? else record for longer")]
 
 

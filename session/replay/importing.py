@@ -91,9 +91,9 @@ def session_next_to(paths: Sequence[Path], answers: Answers) -> tuple[Path, str]
         return folder, next((line.removeprefix("# ") for line in there if line.startswith(READ_AS)), "")
     made = import_log(paths, folder, answers)
     remarks = [*made_of, *([f"{MADE_WITH} {options}"] if options else []), *([f"# {made.read_as}"] if made.read_as else [])]
-    text = read_bytes(config, MOST_TOML) + "".join(f"{printable(remark)}\n" for remark in remarks).encode()
+    whole = read_bytes(config, MOST_TOML) + "".join(f"{printable(remark)}\n" for remark in remarks).encode()
     with replaced(config) as file:
-        file.write(text)
+        file.write(whole)
     return folder, made.read_as
 
 

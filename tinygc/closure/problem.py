@@ -290,7 +290,7 @@ class Widening:
     @property
     def words(self) -> str:
         """Description with the added uncertainty, for a table."""
-        return f"{self.description}: weighed down, ± {self.sigma_rad / DEG:.2g}° of tilt more"
+        return f"{self.description}: weighed down, ± {significant(self.sigma_rad / DEG, 2)}° of tilt more"
 
 
 def weighed_down(session: str, widened: Sequence[Widening]) -> list[Finding]:

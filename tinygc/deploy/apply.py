@@ -19,7 +19,7 @@ from session.base.numeric import decimal_rows
 from session.base.progress import Progress
 from session.base.records import Count, table_of
 from session.base.results import Text, whole
-from session.base.texts import command_line
+from session.base.texts import command_line, significant
 from session.base.units import DEG
 from session.bench.session_file import ASSUMED
 from session.log.config import Accelerometer
@@ -131,7 +131,7 @@ def apply_model(
     if reader.layout.accel is not None:
         notes.append(f"specific force: {known.description}")
     if (spread := table.get("bias_sigma_rps")) is not None:
-        notes.append(f"the bias of another session differs by up to {np.sqrt(2) * max(spread) / DEG:.2g} dps (one sigma)")
+        notes.append(f"the bias of another session differs by up to {significant(np.sqrt(2) * max(spread) / DEG, 2)} dps (one sigma)")
     count = _write(out, log, source, pieces, calibration.stream(began_s), unit, progress)
     notes += reader.notes
     source_of_force = None if reader.layout.accel is None else known.source

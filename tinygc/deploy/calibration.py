@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from session.base.errors import CalibrationError
 from session.base.records import write_whole
+from session.base.texts import significant
 from session.base.units import MG, NS, SI, G, beyond_any_sensor
 from session.log.arrays import refuse_degrees, si_of
 from session.log.config import Accelerometer, Config, Sensor, read_config
@@ -65,15 +66,15 @@ def surroundings(table: dict, model_path: Path, log: Path, session: Path | None)
         accelerometer, text = given, f"calibrated as {path} states"
         if own is not None:
             accelerometer, turned_rad = in_frame_of(own, given)
-            text += f", in the model's body frame ({1e3 * turned_rad:.2g} mrad from its own)"
+            text += f", in the model's body frame ({significant(1e3 * turned_rad, 2)} mrad from its own)"
         return Surroundings(sensor, accelerometer, "session", text)
     if own is None:
         return Surroundings(sensor, None, "none", "as measured: neither the model nor a session.toml calibrates it")
     text = f"calibrated as in the model's fit ({SOURCE_TEXTS[own.source]})"
     if given is not None and config is not None and not _is_own(table, path):
         turned, turned_rad = in_frame_of(own, given)
-        text += f"; that of {path} differs by {difference_mg(own, turned, config):.2g} mg at one g"
-        text += f" and by {1e3 * turned_rad:.2g} mrad of the body frame: --session takes it"
+        text += f"; that of {path} differs by {significant(difference_mg(own, turned, config), 2)} mg at one g"
+        text += f" and by {significant(1e3 * turned_rad, 2)} mrad of the body frame: --session takes it"
     return Surroundings(sensor, own, "model", text)
 
 

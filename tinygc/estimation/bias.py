@@ -79,7 +79,7 @@ class BiasChoice:
         if self.used == "stills" or ends < (1 - SAME) * stills:
             return "which closes held-out turns better"
         if stills < (1 - SAME) * ends:
-            return f"so few turns do not show that the stills are better ({probability(self.p_value)})"
+            return f"so few turns do not show that the stills are better, {probability(self.p_value)}"
         return f"both close held-out turns within {100 * SAME:g} %"
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from session.base.texts import significant
 from session.base.units import DEG
 from tinygc.effects import Effect
 from tinygc.explanation.claims import Claim
@@ -43,7 +44,7 @@ class SlowZero:
     @property
     def words(self) -> str:
         """Return one sentence without its full stop."""
-        moves = f"the zero-rate offset moves by {self.size_rps / DEG:.2g} dps on {'xyz'[self.axis]} over the session"
+        moves = f"the zero-rate offset moves by {significant(self.size_rps / DEG, 2)} dps on {'xyz'[self.axis]} over the session"
         return f"{moves}, {alternatives(self.shares, self.thermometer)}"
 
     def to_json(self) -> dict:

@@ -134,10 +134,10 @@ class Plan(Shown):
         """What the command prints."""
         wanted, enough = self.requested, self.enough
         notes = [f"explain requests: {wanted}"] if wanted else []
+        if self.proposals and enough is not None:
+            notes.append(f"{enough} more turn{'s are' if enough != 1 else ' is'} enough for every target; the best first:")
         for number, move in enumerate(self.proposals, start=1):
             notes.append(f"{number}. {move.words}: {move.parameter}, {move.now:.1f} -> {move.after:.1f} times its target sigma")
-        if self.proposals and enough is not None:
-            notes.append(f"{enough} more turn{'s are' if enough != 1 else ' is'} enough for every target")
         if not self.proposals:
             own = "of the accelerometer 50 ppm, or 100 where it is given, 0.05 mrad, 0.05 mg"
             done = f"every parameter has reached its target sigma (50 ppm, 0.05 mrad, 2 mdps; {own})"

@@ -348,7 +348,7 @@ class SessionNoise:
     @property
     def words(self) -> str:
         """The components present, in one line."""
-        found = [f"{c.description} {s / c.si:.2g} {c.unit}" for s, c in zip(self.s, self.components, strict=True) if s > 0]
+        found = [f"{c.description} {significant(s / c.si, 2)} {c.unit}" for s, c in zip(self.s, self.components, strict=True) if s > 0]
         return "; ".join(found) or "none"
 
     def without(self, name: str) -> SessionNoise:

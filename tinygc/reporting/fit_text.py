@@ -94,7 +94,7 @@ def closure_table(result: FitResult, adopted: Adopted | None = None, brief: bool
     beyond = result.noise.tilt_rms if result.noise is not None else white
     floor = adopted.floor_rms if adopted else result.physics.problem.floor.tilt_rms if result.physics else white
     add("noise floor", "dim", [run.floor_rad for run in result.runs], tilt=white / DEG)
-    for title, tilt in (("… with the noise beyond white", beyond), ("noise floor of the repaired log (physics)", floor)):
+    for title, tilt in (("with non-white noise", beyond), ("noise floor of the repaired log (physics)", floor)):
         if not brief and abs(tilt / white - 1) > SAME_FLOOR:
             add(title, "dim", [], tilt=tilt / DEG)
     if brief:

@@ -121,7 +121,7 @@ def sessions_table(folder: Path, sessions: list[ListedSession]) -> list[Part]:
         figures = [degrees_text(each.held_out_deg), degrees_text(each.floor_deg), ", ".join(map(degrees_text, each.runs_deg)) or None]
         answer = Text("cannot be read", "red") if each.problem else each.verdict and each.verdict.replace("_", " ")
         rows.append([name, recorded, sensor or None, logs, each.segments or None, *figures, each.method, answer])
-    problems = [one_line(each.problem, "red") for each in sessions if each.problem]
+    problems = [one_line(f"{each.folder}: {each.problem}", "red") for each in sessions if each.problem]
     fitted, unread = sum(each.held_out_deg is not None for each in sessions), len(problems)
     counted = f"{len(sessions)} session{'s' * (len(sessions) > 1)}, {fitted} fitted" + (f", {unread} cannot be read" if unread else "")
     caption = "closure in degrees: held-out tilt rms; RMSE of each closure run"

@@ -108,7 +108,7 @@ def promise_of(problem: Problem) -> Promise:
     for cause, part in problem.floor.parts.items():
         tilt = tilt + shares.get(cause, 1.0) * (part.own[:, 0, 0] + part.own[:, 1, 1])
     unit = rms_of(problem.noise.gyro) / MDPS
-    noisier = f"this unit has {unit:.2g} mdps/√Hz of noise, its data sheet {density:g}" if unit > NOISIER * density else ""
+    noisier = f"this unit has {significant(unit, 2)} mdps/√Hz of noise, its data sheet {density:g}" if unit > NOISIER * density else ""
     return Promise(turn_s, float(np.sqrt(np.mean(tilt))), source, noisier)
 
 

@@ -51,7 +51,7 @@ def run(args: Options) -> int:
     console.print(files_line(result.result, saved, decision))
     console.print(f"{folder} is simulated: all 12 numbers are within {worst:.1f} sigma of the true ones (truth.json)")
     console.print(f"next: {command_line('report', folder)}")
-    console.print(f"a log of your own: {command_line('import', 'LOG.csv')}")
+    console.print(f"a log of your own: {command_line('fit', 'LOG.csv')}")
     table = {"schema": "tinygc-demo/1", "folder": str(folder), "parameters": parameters, "fit": result.to_json()}
     write_json(args.json, table)
     return 0 if decision.passed else 1

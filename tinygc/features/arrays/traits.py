@@ -17,7 +17,7 @@ from scipy.special import chdtrc
 from session.base import rotation
 from session.base.numeric import sigmas_in
 from session.base.records import in_unit
-from session.base.texts import measured
+from session.base.texts import measured, significant
 from session.base.units import DEG, DEG_PER_HOUR, EARTH_RATE_RPS
 from tinygc.effects import Effect
 from tinygc.explanation.claims import Claim
@@ -198,7 +198,11 @@ def _sized(effect: Effect, theta: np.ndarray, covariance: np.ndarray) -> tuple[s
         sigmas, k = sigmas_in(covariance), int(np.argmax(np.abs(theta)))
         si, unit, upper = effect.parameter.si, effect.parameter.unit, max(map(upper_limit, theta.tolist(), sigmas.tolist()))
         value, sigma = float(theta[k]), float(sigmas[k])
-    return f"{measured(value / si, sigma / si)} {unit}", f"{upper / si:.2g} {unit}", {"value": value, "sigma": sigma, "upper": upper}
+    return (
+        f"{measured(value / si, sigma / si)} {unit}",
+        f"{significant(upper / si, 2)} {unit}",
+        {"value": value, "sigma": sigma, "upper": upper},
+    )
 
 
 # Slow motions of the zero-rate offsets.
@@ -268,10 +272,10 @@ def slow_zero(units: Mapping[int, Mapping[str, Member]], named: Mapping[int, tup
     nothing = weights.pop("")
     shares = shares_of(weights)
     best = [unit[next(iter(shares))] for unit in units.values()]
-    low, high = (edge(size for _, size, _ in best) / DEG for edge in (min, max))
+    low, high = (significant(edge(size for _, size, _ in best) / DEG, 2) for edge in (min, max))
     alone = sum(chances([unit])[""] < LEVEL for unit in units.values())
-    size = f"by {low:.2g} to {high:.2g} dps over the session, {alternatives(shares, thermometer)}; {alone} of {len(units)} show it alone"
-    limit = f"{max(upper for *_, upper in best) / DEG:.2g} dps"
+    size = f"by {low} to {high} dps over the session, {alternatives(shares, thermometer)}; {alone} of {len(units)} show it alone"
+    limit = f"{significant(max(upper for *_, upper in best) / DEG, 2)} dps"
     by_unit = [{"number": n, **in_unit(DEG, size_dps=one[1]), "named": bool(named.get(n))} for n, one in zip(units, best, strict=True)]
     figures = {"id": "slow_zero", "scope": COMMON, "shares": shares, "by_unit": by_unit}
     return Statement.of("the units' zero-rate offsets move slowly", EVIDENCE, nothing, size, limit, figures=figures)

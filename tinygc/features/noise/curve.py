@@ -17,6 +17,7 @@ import numpy as np
 
 from session.base.errors import DataError, FormatError
 from session.base.files import MB, read_text
+from session.base.texts import measured
 from session.base.units import DEG_PER_HOUR, MG, known, parse_unit
 from tinygc.features.noise.choice import FILTER, Search, Stacked
 from tinygc.features.noise.estimate import fitted
@@ -176,7 +177,7 @@ def estimate_of_curve(path: Path, units: str | None, duration_s: float | None, r
         duration_s = USUAL_LENGTH * float(tau_s[-1])
         remarks.append(f"The recording is taken to be {USUAL_LENGTH:g} times its longest averaging time, {duration_s:.0f} s (--duration).")
     elif duration_s < 2 * tau_s[-1]:
-        raise DataError(f"{path.name}: it goes to {tau_s[-1]:.4g} s, which a recording of {duration_s:.4g} s cannot; give --duration in s")
+        raise DataError(f"{path.name}: it goes to {measured(tau_s[-1])} s, beyond {measured(duration_s)} s of recording; give --duration")
     axes: dict[str, SensorNoise] = {}
     for kind, deviation in deviations.items():
         found = fit_curve(tau_s, deviation, duration_s)
@@ -186,7 +187,7 @@ def estimate_of_curve(path: Path, units: str | None, duration_s: float | None, r
         axes[kind] = SensorNoise((x, y, z))
     rate = rate_hz or 1 / float(tau_s[0])
     if rate_hz is None:
-        remarks.append(f"The data rate is not known: 1 over the shortest averaging time, {rate:.4g} Hz, stands for it (--odr).")
+        remarks.append(f"The data rate is not known: 1 over the shortest averaging time, {measured(rate)} Hz, stands for it (--odr).")
     nothing = np.full((len(tau_s), 3), np.nan)
     bands = {kind: AllanBand(tau_s, np.broadcast_to(part, nothing.shape), nothing, nothing) for kind, part in deviations.items()}
     figures = NoiseFigures(

@@ -13,6 +13,7 @@ from scipy.special import chdtrc, gammaincinv
 
 from session.base.errors import DataError
 from session.base.progress import Progress, no_report
+from session.base.texts import significant
 from session.detect.rest_noise import FEWEST, lines_of, spectra
 from tinygc.features.noise.choice import FILTER, UNSEEN, Chosen, Search, cost, stacked, stacks_of, unit_covariance
 from tinygc.features.noise.scales import TOP, Group, groups_of, knots_of, left_out, rest_of, temperature_part, unsteady
@@ -139,7 +140,7 @@ def _coarse_steps(sections: np.ndarray) -> list[str]:
 
 
 def _shown(size: float, kind: str) -> str:
-    return f"{np.degrees(size) * 1e3:.2g} mdps" if kind == "gyro" else f"{size / 9.80665e-3:.2g} mg"
+    return f"{significant(np.degrees(size) * 1e3, 2)} mdps" if kind == "gyro" else f"{significant(size / 9.80665e-3, 2)} mg"
 
 
 # One axis.

@@ -208,8 +208,7 @@ def misfit_lines(figures: NoiseFigures) -> list[str]:
         bad = {axis: own for axis, own in zip("xyz", sensor.axes, strict=True) if not own.is_described}
         if bad:
             worst = max(bad.values(), key=lambda own: own.excess)
-            p = float("nan") if worst.p_value is None else worst.p_value
-            what = f"{significant(worst.excess)} times the terms' variance ({probability(p)})"
+            what = f"{significant(worst.excess)} times the terms' variance ({probability(worst.p_value)})"
             lines.append(f"NOT DESCRIBED: {SENSORS[kind]} {' '.join(bad)}, {what}.")
     return lines
 

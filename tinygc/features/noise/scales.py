@@ -16,6 +16,7 @@ from scipy.special import chdtri, fdtrc, ndtri
 
 from session.base import features
 from session.base.numeric import runs_of
+from session.base.texts import measured, significant
 from session.log.rests import RestLog
 from tinygc.features.noise.summary import CHANNELS, MOST_WINDOW, Blocks, RestSums, contrasts, ratios_of
 
@@ -131,8 +132,8 @@ def left_out(rests: Sequence[Rest]) -> list[str]:
     remarks = []
     for kind, words in WORDS.items():
         if seconds := sum(rest.seconds.get(kind, 0.0) for rest in rests):
-            when = f" (from {rests[0].first_s[kind]:.4g} s on)" if len(rests) == 1 else ""
-            remarks.append(f"{words}: {seconds:.3g} s left out{when}.")
+            when = f" (from {measured(rests[0].first_s[kind])} s on)" if len(rests) == 1 else ""
+            remarks.append(f"{words}: {significant(seconds)} s left out{when}.")
     if any(rest.unsteady for rest in rests):
         remarks.append("The noise is not steady: it differs between spells by more than chance, and the figures are its mean.")
     return remarks
@@ -299,7 +300,9 @@ def unsteady(rests: Sequence[Rest], channel: int, residuals: Sequence[np.ndarray
         p_value, noisier, times, samples = min(looks, default=(1.0, 0, 1.0, 0))
         if p_value * max(len(looks), 1) < STEADY:
             over_s, which = samples / 2 * period_s, ("first", "second")[noisier]
-            remarks.append(f"over {over_s:.3g} s, the noise of its {which} half is {times:.2g} times that of the other{MEAN}")
+            remarks.append(
+                f"over {measured(over_s)} s, the noise of its {which} half is {significant(times, 2)} times that of the other{MEAN}"
+            )
     long = [k for k, rest in enumerate(rests) if rest.counts[:, 0].sum() >= MANY_WINDOWS]
     if len(long) > 1:
         squares, freedom = np.array(whole)[long].T
@@ -307,7 +310,7 @@ def unsteady(rests: Sequence[Rest], channel: int, residuals: Sequence[np.ndarray
         p_value, _, times = _apart(squares[ends], freedom[ends])
         if p_value < STEADY:
             low, high = (long[end] + 1 for end in ends)
-            remarks.append(f"log {high} is {times:.2g} times as noisy as log {low}{MEAN}")
+            remarks.append(f"log {high} is {significant(times, 2)} times as noisy as log {low}{MEAN}")
     return remarks
 
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.polynomial import Polynomial
 
+from session.base.texts import significant
 from session.base.units import DEG
 from tinygc.deploy import ExportError
 from tinygc.deploy.exports._autopilots import Zero, remark_on_scale
@@ -178,14 +179,12 @@ def zero(model: ThermalModel, context: Context, name: str, about_c: float | None
     terms, lost_rps = cubic_about(model.zero_terms, reference, model.range_c, about_c)
     remark_on_scale(context, name, model.E(np.array(model.range_c)))
     if lost_rps > 0:
-        context.remark(f"{name} has no power beyond the third: the nearest cubic is off by up to {lost_rps / DEG:.2g} dps")
+        context.remark(f"{name} has no power beyond the third: the nearest cubic is off by up to {significant(lost_rps / DEG, 2)} dps")
     slope = np.abs(model.zero_terms[1]) if len(model.zero_terms) > 1 else np.zeros(3)
     behind = float(np.max(np.abs(model.lag_s) * slope)) / 60 / DEG
     if behind > WORTH_DPS:
-        lags = ", ".join(f"{lag:.0f}" for lag in model.lag_s)
-        context.remark(
-            f"{name} has no lag ({lags} s): while the temperature changes by 1 °C a minute the zero is off by up to {behind:.2g} dps"
-        )
+        lags, off = ", ".join(f"{lag:.0f}" for lag in model.lag_s), significant(behind, 2)
+        context.remark(f"{name} has no lag ({lags} s): while the temperature changes by 1 °C a minute the zero is off by up to {off} dps")
     part = LinearPart(linear.E, linear.B, np.zeros((3, 3)), np.zeros(3), reference)
     change = np.asarray(context.table.get("accel_change_mps2") or np.zeros((0, 3)), dtype=float)  # from rest logs
     accel = cubic_about(np.vstack([np.zeros(3), change]), reference, model.range_c, about_c)[0] if len(change) else None

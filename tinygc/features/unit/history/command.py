@@ -44,7 +44,7 @@ def run(args: Options) -> int:
         written = found.save(args.out, pictures=args.pictures)
         output(args).print(f"written: {', '.join(map(str, written))}")
     elif args.json is None:
-        output(args).print("next: --all shows every number; --out DIR keeps them, with pictures")
+        output(args).print(f"next: {'' if args.all else '--all shows every number; '}--out DIR keeps them, with pictures")
     write_json(args.json, found.to_json())
     return found.exit_code
 

@@ -51,7 +51,7 @@ THEN, TODAY = 30, 12
 ACCEL_MPS2 = 0.1 * MG
 #: fault -> its four sizes and their unit
 FAULTS: dict[str, tuple[tuple[float, ...], str]] = {
-    "zero": ((0.5, 1.0, 2.0, 4.0), "dps"),
+    "bias": ((0.5, 1.0, 2.0, 4.0), "dps"),
     "temperature": ((0.02, 0.04, 0.08, 0.16), "dps/K, 20 K warmer"),
     "warm-up": ((0.1, 0.3, 1.0, 2.0), "dps"),
     "step": ((0.03, 0.1, 0.3, 1.0), "dps"),
@@ -60,7 +60,7 @@ FAULTS: dict[str, tuple[tuple[float, ...], str]] = {
     "rotation": ((3.0, 6.0, 15.0, 50.0), "mrad"),
     "shock": ((3.0, 6.0, 10.0, 20.0), "mrad, and 50 times as many mdps"),
     "filter": ((20.0, 10.0, 5.0, 2.0), "Hz, one pole"),
-    "accelerometer's zero": ((2.0, 5.0, 10.0, 30.0), "mg"),
+    "accelerometer's bias": ((2.0, 5.0, 10.0, 30.0), "mg"),
     "accelerometer's scale": ((0.3, 0.6, 1.0, 2.0), "% of one axis"),
 }
 WARMER_K = 20.0
@@ -130,7 +130,7 @@ def today_of(job: Job, then: SimulatedUnit) -> tuple[Session, Callable[[np.ndarr
     def drift(t_s: np.ndarray) -> np.ndarray:
         return np.zeros((len(t_s), 3))
 
-    if job.fault == "zero":
+    if job.fault == "bias":
         unit = replace(unit, B=unit.B + size * DEG * direction)
     elif job.fault == "temperature":
         options = replace(options, temperature_start_c=options.temperature_start_c + WARMER_K)
@@ -159,7 +159,7 @@ def today_of(job: Job, then: SimulatedUnit) -> tuple[Session, Callable[[np.ndarr
         x, y, z = size * 1e-3 * rng.standard_normal(3)
         shear = np.eye(3) + np.array([[0, x, z], [x, 0, y], [z, y, 0]]) / 2
         unit = replace(unit, E=shear @ unit.E, B=unit.B + size * 0.05 * DEG * direction)
-    elif job.fault == "accelerometer's zero":
+    elif job.fault == "accelerometer's bias":
         unit = replace(unit, accel_shift=unit.accel_shift + size * MG * direction)
     elif job.fault == "accelerometer's scale":
         unit = replace(unit, accel_matrix=np.diag(1 + size / 100 * axis) @ unit.accel_matrix)

@@ -401,7 +401,7 @@ def decided(matters=(), small=(), open_=(), as_it_is=0.2, anew=0.1, names=(), tu
 
 
 OPEN_E = {"as_it_is": 5.0, "open_": (E,)}
-USE_NEW = "zero moved, as at a switch-on; error after the next minute 5.0°."
+USE_NEW = "bias moved, as at a switch-on; error after the next minute 5.0°."
 HELD = "error after the next minute 0.20°."
 UNSEEN_E = "a scale error of up to 2.0° per turn would go unseen."
 
@@ -414,8 +414,8 @@ UNSEEN_E = "a scale error of up to 2.0° per turn would go unseen."
         ({"small": (GRAVITY,), "open_": (E,)}, UNDECIDED, True, UNSEEN_E),
         ({"small": (GRAVITY,)}, HOLDS, True, HELD),
         # A rest holds for what a rest shows.
-        ({"open_": (E,), "turned": False}, HOLDS, True, f"zero and gravity are fine; {HELD}"),
-        ({"open_": (E, GRAVITY), "turned": False}, HOLDS, True, f"zero is fine; {HELD}"),
+        ({"open_": (E,), "turned": False}, HOLDS, True, f"bias and gravity are fine; {HELD}"),
+        ({"open_": (E, GRAVITY), "turned": False}, HOLDS, True, f"bias is fine; {HELD}"),
         ({"open_": (E, B), "turned": False}, UNDECIDED, True, None),
         ({**OPEN_E, "turned": False}, UNDECIDED, True, None),
         ({"open_": (GRAVITY,)}, UNDECIDED, True, "a tilt error of up to 2.0° would go unseen."),
@@ -437,7 +437,7 @@ UNSEEN_E = "a scale error of up to 2.0° per turn would go unseen."
 def test_the_verdict_follows_from_what_changed_what_is_open_and_what_it_costs(found, answer, bias_serves, headline):
     decision, serves = decided(**found)
     assert (decision.kind, serves, headline or decision.line) == (answer, bias_serves, decision.line)
-    assert ("--write" in decision.do) == ("zero moved" in decision.line)
+    assert ("--write" in decision.do) == ("bias moved" in decision.line)
 
 
 # What a calibration that holds may differ by

@@ -108,7 +108,7 @@ def test_a_zero_that_moved_is_taken_anew_and_the_new_model_holds(model, unit, tm
     found = tinygc.verify(model, today)
     assert (found.answer, found.exit_code) == ("holds with a new bias", 1)
     assert found.bias_dps == pytest.approx((unit.B + moved) / DEG, abs=0.01)
-    assert found.diagnosis.best.names == ("zero",)
+    assert found.diagnosis.best.names == ("bias",)
     assert any("no temperature in the model" in note for note in found.notes)
     x, y, z = re.findall(r"[xyz] ([-+][\d.]+)", " ".join(found.diagnosis.best.stated[0].numbers))
     assert [float(x), float(y), float(z)] == pytest.approx(-moved / DEG, abs=0.01)  # it reads less where B is more
@@ -140,7 +140,7 @@ def test_what_changed_in_e_is_named_and_b_anew_is_not_written(model, unit, tmp_p
 @pytest.mark.parametrize(
     ("shift", "code", "words"),
     [
-        (0.0, 0, ["HOLDS: zero is fine; ", "Not tested: a scale error of ", "  1. "]),
+        (0.0, 0, ["HOLDS: bias is fine; ", "Not tested: a scale error of ", "  1. "]),
         (0.15, 5, []),
         (4.0, 1, ["then record the turns above"]),
     ],

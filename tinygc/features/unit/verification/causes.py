@@ -45,7 +45,7 @@ SCALE, COMMON_SCALE, ROTATION_RAD, SHEAR_RAD = 0.02, 0.5, 0.05, 0.01
 ACCEL_ZERO_MPS2, ACCEL_SCALE = 50 * MG, 0.02
 BANDWIDTH_S2 = 1e-4
 #: causes a part of which is expected: their place among the 21 parameters, and the sign of what the sensor does
-WITH_USUAL: dict[str, tuple[Any, int]] = {"zero": (ZERO, -1), "accelerometer's zero": (BIASES, 1)}
+WITH_USUAL: dict[str, tuple[Any, int]] = {"bias": (ZERO, -1), "accelerometer's bias": (BIASES, 1)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,11 +79,13 @@ class Cause:
         rows = zip(self.numbers, theta / si, sigma / si, each, strict=True)
         numbers = [f"{name} {'+' if value > 0 else ''}{measured(value, s)} {unit}".strip() for name, value, s, unit in rows]
         when = "" if self.at is None else f" at {self.at:.0f} s" if self.name == "step" else f" in {self.at:.0f} s"
-        return StatedCause(f"{self.claim}{when}", numbers[int(np.argmax(np.abs(theta) / sigma))], tuple(numbers))
+        largest = numbers[int(np.argmax(np.abs(theta) / sigma))]
+        shown = [number for number, moved in zip(numbers, np.abs(theta) >= sigma, strict=True) if moved or number == largest]
+        return StatedCause(f"{self.claim}{when}", largest, tuple(shown))
 
 
 class StatedCause(NamedTuple):
-    """What has changed; the most significant of its numbers; all of them, with their units."""
+    """What has changed; the most significant of its numbers; those beyond one sigma, with their units."""
 
     claim: str
     largest: str
@@ -180,12 +182,12 @@ def candidate_causes(rows: Rows, old: UnitState) -> list[Cause]:
 
     zero = np.zeros((COUNT, 3))
     zero[ZERO] = -np.eye(3)  # what the sensor reads, which B takes away
-    add("zero", "zero moved", zero, ZERO_RPS, "dps", DEG, xyz, "use the new bias")
+    add("bias", "bias moved", zero, ZERO_RPS, "dps", DEG, xyz, "use the new bias")
     if warmer := rows.warmer_than(old):
-        claim = f"zero follows the temperature ({warmer:+.1f} K)"
+        claim = f"bias follows the temperature ({warmer:+.1f} K)"
         advice = f"use the new bias at this temperature, or run `{command_line('temperature')}`"
         add("temperature", claim, zero * warmer, PER_K, "dps/K", DEG, xyz, advice)
-    if rows.turns:  # else what is read at rest is the zero, whatever else has changed
+    if rows.turns:  # else what is read at rest is the bias, whatever else has changed
         advice = "check the range, the data rate and the clock, then fit again"
         claim = "all rates are off by one factor"
         add("common scale", claim, -of_matrix(lambda theta: E * theta[0], 1), COMMON_SCALE, "%", 0.01, ("",), advice)
@@ -202,12 +204,12 @@ def candidate_causes(rows: Rows, old: UnitState) -> list[Cause]:
         lean = of_matrix(lambda theta: np.array([[0, theta[0], theta[2]], [theta[0], 0, theta[1]], [theta[2], theta[1], 0]]) / 2 @ E, 3)
         units = ("mrad",) * 3 + ("dps",) * 3
         shock, sizes, of_one = np.concatenate([-lean, zero], axis=1), np.repeat([SHEAR_RAD, ZERO_RPS], 3), np.repeat([1e-3, DEG], 3)
-        claim = "axes and zero moved, as by a shock"
+        claim = "axes and bias moved, as by a shock"
         add("shock", claim, shock, sizes, units, of_one, ("xy", "yz", "zx", *xyz), "look for loose parts; fit again")
     if rows.stills and old.accelerometer is not None:  # whose calibration is known, and stills show gravity's length
         advice = f"calibrate the accelerometer again (`{command_line('fit', 'DIR', '--accelerometer', 'alone')}`), then fit"
         for which, claim, places, sign, size, unit, si in (
-            ("zero", "zero moved", BIASES, 1, ACCEL_ZERO_MPS2, "mg", MG),
+            ("bias", "bias moved", BIASES, 1, ACCEL_ZERO_MPS2, "mg", MG),
             ("scale", "scale is off", SCALES_OF_ACCELEROMETER, -1, ACCEL_SCALE, "ppm", 1e-6),
         ):
             into = np.zeros((COUNT, 3))
@@ -219,12 +221,12 @@ def candidate_causes(rows: Rows, old: UnitState) -> list[Cause]:
             columns = rows.in_time(partial(lambda at, t_s: np.asarray((t_s >= at).astype(float)), float(at)))
             advice = "look for a shock or a supply change then, and record again"
             share = max(0.0, 1 - float(at) / MINUTE_S)
-            add("step", "zero jumped", zero * share, ZERO_RPS, "dps", DEG, xyz, advice, columns, float(at))
+            add("step", "bias jumped", zero * share, ZERO_RPS, "dps", DEG, xyz, advice, columns, float(at))
     for share in WARM_UP_SHARES if rows.stills > 2 or rows.turns else ():
         tau = share * rows.duration_s
         columns = rows.in_time(partial(lambda tau, t_s: np.asarray(np.exp(-t_s / tau)), tau))
         mean = tau / MINUTE_S * -np.expm1(-MINUTE_S / tau)
-        claim = "zero drifts as it warms up"
+        claim = "bias drifts as it warms up"
         add("warm-up", claim, zero * mean, ZERO_RPS, "dps", DEG, xyz, "let it warm up, then verify again", columns, float(tau))
     if rows.turns and (bent := rows.effect("gyro.bandwidth")) is not None:
         numbers = xyz if bent.shape[1] == 3 else ("",)

@@ -17,7 +17,7 @@ from session.base.names import is_session
 from session.base.numeric import sigmas_in
 from session.base.progress import Progress, Reporter, no_report
 from session.base.records import in_unit, plain, write_whole
-from session.base.texts import command_line, probability, significant
+from session.base.texts import command_line, measured, probability, significant
 from session.base.units import DEG
 from session.log.folder import Session, hash_of_log, read_session
 from tinygc.closure.motion import MINUTE_S
@@ -42,16 +42,17 @@ from tinygc.inference.decide import BIAS, FAILS, HOLDS, UNDECIDED, Answer
 from tinygc.library.arguments import is_path, public
 from tinygc.library.records import Shown
 from tinygc.models.linear import BIAS as BIAS_OF_12
+from tinygc.models.physics import PhysicsModel
 from tinygc.planning.proposals import Proposal
 from tinygc.reporting.facts import Part, Table, screen
 from tinygc.reporting.terminal import Group, Text, one_line
 
 SCHEMA = "tinygc-verify/1"
 #: what each question is about, and a change of it that this recording would not show
-TOPICS = {E: "scale and axes", B: "zero", GRAVITY: "gravity", NOISE: "beyond noise"}
+TOPICS = {E: "scale and axes", B: "bias", GRAVITY: "gravity", NOISE: "beyond noise"}
 UNSEEN = {
     E: "a scale error of up to {}° per turn",
-    B: "a zero error of up to {}° per minute",
+    B: "a bias error of up to {}° per minute",
     GRAVITY: "a tilt error of up to {}°",
 }
 FIT_AGAIN = "fit a new session, and look at `explain`"
@@ -141,7 +142,7 @@ class Verified(Shown):
 
     def save_model(self, path: Path | str) -> Path:
         """Write the model with the new bias, and return the path.  Raises StorageError for a file that cannot be written,
-        DataError where E does not hold, or the zero moves within the recording."""
+        DataError where E does not hold, or the bias moves within the recording."""
         if not self.bias_serves:
             raise DataError(f"{self.old.path}: not written with a new bias: {self.headline}; {self.decision.do}")
         old, more = self.old, dict[str, Any]()
@@ -285,7 +286,7 @@ def verify_session(
     spread = spread_of(session.config, old.table, between=between, lot=lot)
     if rows.warmer_than(old) is None:
         which = "the model" if np.isfinite(rows.temp_c) else "today's recording"
-        notes.append(f"no temperature in {which}; a warmer sensor looks like a moved zero")
+        notes.append(f"no temperature in {which}; a warmer sensor looks like a moved bias")
     parts = expected_parts(old, rows, spread, switched_on=options.switched_on, elapsed_s=options.elapsed_s)
     if options.switched_on and spread.at(ZERO).is_usual:
         notes.append("switch-on scatter is the usual one; --history gives this unit's")
@@ -300,9 +301,9 @@ def verify_session(
     bounds = tuple(Bound(name, bound_deg(slopes, np.zeros(len(W)), W), options.limit_deg, words) for name, slopes, words in used)
     causes = candidate_causes(rows, old)
     evidence = Evidence(rows, parts, noise.s)
-    moved_zero = evidence.of([cause for cause in causes if cause.name == "zero"])
+    moved_bias = evidence.of([cause for cause in causes if cause.name == "bias"])
     refuted = [question for question in questions if question.tested and not question.holds]
-    diagnosis, change, covariance = None, moved_zero.change, moved_zero.covariance
+    diagnosis, change, covariance = None, moved_bias.change, moved_bias.covariance
     if refuted:
         progress("causes")
         diagnosis = diagnose(evidence, causes)
@@ -311,12 +312,12 @@ def verify_session(
             more = beyond_linear(old.linear, turned)
             diagnosis = diagnose(Evidence(replace(rows, r=rows.r + rows.parameters @ more), parts, noise.s), causes)
             change, covariance = diagnosis.best.change + more, diagnosis.best.covariance
-    cost = cost_of(rows, old.linear, change, covariance, moved_zero.change[ZERO], moved_zero.covariance[ZERO, ZERO])
+    cost = cost_of(rows, old.linear, change, covariance, moved_bias.change[ZERO], moved_bias.covariance[ZERO, ZERO])
     if diagnosis is not None and not diagnosis.best.causes:  # whatever it was, it is as large as today's data alone leave it
         change, covariance = estimated_change(rows, noise, W), W
     effects = {name: bound_deg(slopes, change, covariance) for name, slopes, _ in used}
     effects[NOISE] = max(question.left_rps for question in questions) * MINUTE_S / DEG
-    if diagnosis is not None:  # a zero that moves within the recording
+    if diagnosis is not None:  # a bias that moves within the recording
         effects[NOISE] = max(effects[NOISE], *(float(np.linalg.norm(diagnosis.best.of(n))) * MINUTE_S / DEG for n in ("step", "warm-up")))
     changed = {question.name: effects[question.name] for question in refuted}
     decision, bias_serves = _decide(changed, bounds, cost, diagnosis, options, rows.turns > 0)
@@ -338,8 +339,8 @@ def verify_session(
         parts=tuple(parts),
         bounds=bounds,
         cost=cost,
-        bias_change=moved_zero.change[ZERO],
-        bias_covariance=moved_zero.covariance[ZERO, ZERO],
+        bias_change=moved_bias.change[ZERO],
+        bias_covariance=moved_bias.covariance[ZERO, ZERO],
         diagnosis=diagnosis,
         to_test=tuple(turns_to_test(rows, noise, W, options.limit_deg)) if open_names - {B} else (),
         to_separate=tuple(turns_to_separate(rows, noise, spans)) if spans else (),
@@ -366,7 +367,7 @@ def _decide(
     causes = () if diagnosis is None else diagnosis.best.causes
     stated = [] if diagnosis is None else diagnosis.best.stated
     because = f"{stated[0].claim}: {stated[0].largest}" if stated else ""
-    if set(matters) - {B} or (matters and any(cause.name not in ("zero", "temperature") for cause in causes)):
+    if set(matters) - {B} or (matters and any(cause.name not in ("bias", "temperature") for cause in causes)):
         largest = max(matters, key=lambda name: changed[name])
         what = "more than noise is left" if largest == NOISE else f"{TOPICS[largest]} changed"
         why = because or f"{what}, of unknown cause, by up to {significant(changed[largest], 2)}°"
@@ -377,7 +378,7 @@ def _decide(
     costs, with_new = (float(np.linalg.norm(each)) for each in (cost.as_it_is, cost.with_new_bias))
     error = f"error after the next minute {significant(costs / DEG, 2)}°"
     if matters or costs > max(limit, 2 * float(np.linalg.norm(cost.sigma))):
-        why = because or ("zero moved by more than a switch-on" if matters else "zero moved, as at a switch-on")
+        why = because or ("bias moved by more than a switch-on" if matters else "bias moved, as at a switch-on")
         if with_new > max(limit, 2 * float(np.linalg.norm(cost.with_new_bias_sigma))):
             return Answer(FAILS, f"{error}; with a new bias still {significant(with_new / DEG, 2)}°.", FIT_AGAIN), False
         use_new = "use the new bias: --write FILE writes the model with it"
@@ -389,8 +390,8 @@ def _decide(
         if {bound.name for bound in unseen} == {B}:
             turns = "let it lie still for some minutes, in several attitudes, then verify again"
         return Answer(UNDECIDED, unseen_words(max(unseen, key=lambda bound: bound.bound_deg / bound.limit_deg)), turns), True
-    if unseen:  # at rest, the zero is all that is tested
-        fine = "zero and gravity are" if any(bound.name == GRAVITY and bound.is_seen for bound in found) else "zero is"
+    if unseen:  # at rest, the bias is all that is tested
+        fine = "bias and gravity are" if any(bound.name == GRAVITY and bound.is_seen for bound in found) else "bias is"
         return Answer(HOLDS, f"{fine} fine; {error}.", "scale cannot be seen at rest: record the turns above"), True
     return Answer(HOLDS, f"{error}.", "use it as it is"), True
 
@@ -421,24 +422,27 @@ def cause_lines(found: Verified) -> list[str]:
 
 
 def cost_parts(found: Verified) -> list[Part]:
-    """Errors of the attitude as it is and with the new bias, and the new bias."""
+    """Errors of the attitude as it is; where the bias is to be replaced, also with the new one, and that bias in the terms of ``fit``."""
     cost, as_it_is = found.cost, ("as it is", found.cost.as_it_is, found.cost.sigma)
     new = ("with the new bias", cost.with_new_bias, cost.with_new_bias_sigma)
-    in_time = found.diagnosis is not None and set(found.diagnosis.best.names) & IN_TIME
+    in_time = found.diagnosis is not None and bool(set(found.diagnosis.best.names) & IN_TIME)
+    replaces = found.bias_serves and found.answer != HOLDS and not in_time
     rows = [
         [label, *((float(angle), float(s)) for angle, s in zip(value / DEG, sigma / DEG, strict=True))]
-        for label, value, sigma in ((as_it_is,) if in_time else (as_it_is, new))
+        for label, value, sigma in ((as_it_is, new) if replaces else (as_it_is,))
     ]
     table = Table(f"Largest error in {cost.motion}, °", ("", "roll", "pitch", "yaw"), rows)
     if in_time:
-        return [table, "No new bias: the zero moves within this recording."]
-    return [table, one_line(f"New bias: {bias_words(found.new_bias, found.bias_covariance)}")]
+        return [table, "No new bias: the bias moves within this recording."]
+    return [table, one_line(f"New {bias_words(found)}")] if replaces else [table]
 
 
-def bias_words(bias: np.ndarray, covariance: np.ndarray) -> str:
-    """B with its sigmas, dps."""
-    sigma = sigmas_in(covariance) / DEG
-    return ", ".join(f"{value / DEG:+.4f} ± {s:.4f}" for value, s in zip(bias, sigma, strict=True)) + " dps"
+def bias_words(found: Verified) -> str:
+    """The new bias as ``fit`` prints it, what the sensor reads at no rate, with its sigmas."""
+    model = found.old.model
+    M = np.linalg.inv((model.linear if isinstance(model, PhysicsModel) else found.old.linear).E)
+    bias, sigma = -M @ found.new_bias / DEG, sigmas_in(M @ found.bias_covariance @ M.T) / DEG
+    return "bias, dps: " + ", ".join(f"{name} {measured(*each)}" for name, *each in zip("xyz", bias, sigma, strict=True))
 
 
 def open_lines(found: Verified) -> list[str]:

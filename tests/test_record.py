@@ -88,6 +88,17 @@ def test_every_signal_ends_a_recording_like_ctrl_c(wire, tmp_path):
     assert raw.read_bytes() == data
 
 
+def test_a_board_names_its_port_before_it_simulates_and_ends_quietly(tmp_path):
+    command = [*CALIBRATE, "board", "--link", tmp_path / "port", "--segments", 2000]  # simulated for longer than this test lasts
+    with started(command, stdout=PIPE, stderr=PIPE, text=True) as process:
+        assert process.stdout.readline() == f"{tmp_path / 'port'}\n"
+        assert (tmp_path / "port").is_symlink()
+        process.send_signal(signal.SIGINT)
+        _, on_stderr = process.communicate()
+    assert (process.returncode, on_stderr) == (0, "start record in another terminal; Ctrl-C ends the board\n")
+    assert not (tmp_path / "port").exists()
+
+
 def test_the_signals_are_what_they_were_afterwards():
     numbers = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
     found = [signal.getsignal(number) for number in numbers]

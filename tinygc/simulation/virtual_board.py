@@ -291,7 +291,7 @@ class VirtualBoard:
                 if not self.terminal.has_reader:
                     continue
                 self._begun, began = True, self.clock.now_s()
-                self.report(f"reader connected: {self.lead_s:g} s still, then the session")
+                self.report(f"reader connected: {self.lead_s:g} s still, then it turns by itself, not as record requests")
                 self._start(self.uptime_s)
             due = -lead + int((self.clock.now_s() - began) * odr_hz * self.speed)
             # After a delay of the host, catch up in small steps: a burst would overrun the buffer.
@@ -299,7 +299,7 @@ class VirtualBoard:
             self._send(due if last is None else min(due, last))
             if not over and self._position >= length:
                 over = True
-                self.report("session over: still from here on")
+                self.report("session over: still from here on; start it again for more turns")
             if self._position >= self._unplug_at:
                 self.report("cable pulled")
                 self.terminal.unplug()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -49,7 +49,7 @@ class Options(Command, Force, Seed):
     sensor: str = option("ASM330LHH", "whose registers the simulated one has", rare=True)
     gyro_fs: float = option(500.0, "its full scale", unit="dps", least=1, most=1e5, rare=True)
     accel_fs: float = option(4.0, "its full scale", unit="g", least=0.1, most=1000, rare=True)
-    speed: float = option(1.0, "so many times faster than real", above=0, rare=True)
+    speed: float = option(1.0, "so many times faster than real", above=0)
     lead: float = option(10.0, "still time before the session", unit="s", least=0, most=LONGEST_S, rare=True)
     tail: float | None = option(None, "still time behind it, then stop (go on for ever)", unit="s", least=0, most=LONGEST_S, rare=True)
     uptime: float = option(0.0, "device time at the start", unit="s", least=0, most=LONGEST_S, rare=True)
@@ -63,11 +63,12 @@ class Options(Command, Force, Seed):
 
 def run(args: Options) -> int:
     """Run a virtual board until Ctrl-C or the end of ``--tail``, then remove its port's link."""
-    with ended_by_signals(ignored_interrupt=True):
-        return _board(args)
+    with ended_by_signals(ignored_interrupt=True), suppress(KeyboardInterrupt):
+        _board(args)
+    return 0
 
 
-def _board(args: Options) -> int:
+def _board(args: Options) -> None:
     try:
         from tinygc.simulation.terminal import MEMORY_BYTES, Terminal
     except ImportError:
@@ -90,16 +91,27 @@ def _board(args: Options) -> int:
     faults = LineFaults.parse(args.faults)
     # A faster board needs a larger buffer, because the host is no faster.
     terminal = Terminal(args.link, args.memory or round(MEMORY_BYTES * max(1.0, args.speed)))
-    table = None
     try:
         table = features.first("table under a virtual board", args, _options(args))
-        source = table.source if table else _source(args, terminal.name)
-        if args.config and source.config:
-            write_text_whole(args.config, source.config)
     except BaseException:
         terminal.let_go()
         raise
+
+    def announce() -> None:
+        if not args.quiet and not is_standard_output(args.json):
+            print(terminal.name, flush=True)
+        report("start record in another terminal; Ctrl-C ends the board")
+
     with terminal, table or nullcontext():
+        # Simulating takes seconds, for which a reader may wait; a folder may be refused, and the file of --config comes first.
+        at_once = not (table or args.folder or args.config)
+        if at_once:
+            announce()
+        source = table.source if table else _source(args, terminal.name)
+        if args.config and source.config:
+            write_text_whole(args.config, source.config)
+        if not at_once:
+            announce()
         if table:
             report(f"the table is at {table.name}")
         board = VirtualBoard(
@@ -117,18 +129,14 @@ def _board(args: Options) -> int:
             clock=table.clock if table else Clock(),
         )
         try:
-            if not args.quiet and not is_standard_output(args.json):
-                print(terminal.name, flush=True)
-            take = "" if source.number is None else f"take {source.number} of seed {args.seed}; "
-            report(source.info.text)
-            report(f"{take}open the port with another program, Ctrl-C ends")
+            take = "" if source.number is None else f"; take {source.number} of seed {args.seed}"
+            report(f"{source.info.text}{take}")
             board.run()
         finally:
             dropped = f", {terminal.dropped} writes dropped without a reader" if terminal.dropped else ""
             report(f"{board.sent} samples sent{dropped}")
             counts = {"samples": board.sent, "dropped": terminal.dropped, "starts": board.starts, "take": source.number}
             write_json(args.json, {"schema": "tinygc-board/1", **counts})
-    return 0
 
 
 def _options(args: Options) -> SimulationOptions:

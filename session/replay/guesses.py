@@ -51,6 +51,8 @@ WITHIN, WITHIN_COUNTS = 2.0, 1.06
 STEADY, UNSTEADY = 0.75, 0.25
 #: Hz, in place of a rate that is not known yet
 TENTATIVE_HZ = 100.0
+#: Hz; no one turns a sensor so slowly that fewer samples show it
+SLOWEST_TURNS_HZ = 1.0
 #: of gravity's movement, what columns without names may leave unexplained
 UNPROVEN = 0.2
 #: how a unit is known, in words
@@ -136,9 +138,12 @@ def contradicted(joined: Joined, answers: Answers) -> Guess | None:
         doubt |= {"accel"}
     if _steadiness(joined.gyro) > STEADY and _steadiness(joined.accel) < UNSTEADY:
         doubt |= {"gyro", "accel"}
-    if not doubt:
-        scale = _scale(joined, gyro.gyro.unit.si, accel.accel.unit.si)
-        doubt = {"gyro", *(["time"] if units else [])} if scale is not None and not 1 / WITHIN < scale < WITHIN else set()
+    if doubt <= {"accel"}:
+        known = decide(joined, doubt, ()) if doubt else None
+        accel_si = accel.accel.unit.si if known is None else _si("accel", known.units["accel"])
+        scale = _scale(joined, gyro.gyro.unit.si, accel_si)
+        if scale is not None and not 1 / WITHIN < scale < WITHIN:
+            doubt |= {"gyro", *(["time"] if units else [])}
     guess = decide(joined, doubt & free, units) if doubt and doubt <= free else None
     return guess if guess is not None and doubt <= set(guess.by) else None
 
@@ -187,6 +192,8 @@ def decide(
         within = WITHIN_COUNTS if rate in COUNTS["gyro"] else WITHIN
         if no_rate or 1 / within < angle / (si * ratio) < within:
             found.append((rate, time))
+    rate_hz = pace_of(joined.t_ns).rate_hz
+    found = [each for each in found if len(found) == 1 or rate_hz / times[each[1]] > SLOWEST_TURNS_HZ]  # mdps at 0.1 Hz are dps at 100 Hz
     by = {"accel": BY_GRAVITY} if "accel" in kinds else {}
     decided = {"accel": force} if "accel" in kinds else {}
     if len(found) == 1 or (found and no_rate):

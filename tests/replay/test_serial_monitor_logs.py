@@ -181,6 +181,7 @@ PLAIN = "t_s,gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g"
         (table(S, FORCES, RATES, PLAIN), "gyroscope: ax_g, ay_g, az_g in dps (by gravity)"),
         (table(S, FORCES * G, MOVED.gyro, "time [s],gx,gy,gz,ax,ay,az"), "accelerometer: gx, gy, gz in m/s2 (by gravity)"),
         (table(S * 1e3, RATES, FORCES, PLAIN), "clock: t_s in ms (by gravity)"),
+        (table(S, MOVED.gyro, MOVED.accel, PLAIN), "gyroscope: gx_dps, gy_dps, gz_dps in rad/s (by gravity)"),
         (table(S * 1e6, RATES, FORCES, PLAIN.replace("t_s", "time_ms")), "clock: time_ms in us (by gravity)"),
         (table(S, MOVED.gyro, FORCES, PLAIN), "gyroscope: gx_dps, gy_dps, gz_dps in rad/s (by gravity)"),
         (table(S, RATES, FORCES, PLAIN.replace("dps", "rps")), "gyroscope: gx_rps, gy_rps, gz_rps in dps (by gravity)"),
@@ -201,6 +202,13 @@ def test_units_and_sensors_that_are_named_wrongly_are_read_by_physics_and_it_is_
     np.testing.assert_allclose(samples.gyro, MOVED.gyro, atol=0.008 * DEG)
     np.testing.assert_allclose(samples.accel, MOVED.accel, atol=7e-5 * G)
     np.testing.assert_allclose(np.diff(samples.t_ns), np.diff(MOVED.t_ns), atol=20)
+
+
+def test_stamps_in_ms_of_a_rate_that_a_sensor_could_have_in_s_are_in_ms(tmp_path):
+    made, samples = made_of(tmp_path / "log.csv", table(S * 500, 2 * RATES, FORCES, PLAIN))  # 104 Hz: mdps in s turn as far
+    assert made.took[-1].startswith("clock: t_s in ms (by gravity)")
+    assert "gz_dps in dps (by gravity)" in made.took[1]
+    np.testing.assert_allclose(samples.gyro, 2 * MOVED.gyro, atol=0.008 * DEG)
 
 
 def test_what_a_person_states_stays_and_files_may_be_exchanged(tmp_path):

@@ -66,6 +66,17 @@ def test_the_name_alone_shows_the_help_and_is_no_success(run):
     assert "Begin with:  python calibrate.py fit data/session1\n" in out
 
 
+def test_fit_asks_for_the_latitude_where_the_earths_rotation_is_missing():
+    def says(latitude_deg):
+        session = SimpleNamespace(folder=Path("s"), config=SimpleNamespace(site=SimpleNamespace(latitude_deg=latitude_deg)))
+        allowed = SimpleNamespace(suspected=["earth.rotation"])
+        result = SimpleNamespace(session=session, file_to_use="m.json", tests=[], allowed=allowed, physics=None)
+        return next_line(result, SimpleNamespace(passed=False, answer="fail"), ()).plain
+
+    assert says(None) == "next: give your latitude_deg under [site] of s/session.toml, then python calibrate.py fit s"
+    assert says(0.0) == "next: python calibrate.py fit s --physics auto"
+
+
 def test_what_fit_says_to_run_next_has_the_effects_that_it_was_given(tmp_path):
     def says(*effects):
         tests = [ModelTest("turns", 0.009, 0.01, "")]

@@ -57,6 +57,10 @@ def _remarks(result: FitResult) -> list[Text]:
     )
 
 
+#: effect that a latitude removes
+EARTH = "earth.rotation"
+
+
 def files_line(result: FitResult, folder: Path, decision: Acceptance) -> Text:
     """Name the model's file, and whether to use it."""
     if result.file_to_use is None:
@@ -72,6 +76,8 @@ def next_line(result: FitResult, decision: Acceptance, effects: Sequence[Path] =
     folder = result.session.folder
     if result.file_to_use is None:
         return one_line(f"next: record more turns, to more attitudes; {command_line('check', folder)}")
+    if result.allowed is not None and EARTH in result.allowed.suspected and result.session.config.site.latitude_deg is None:
+        return one_line(f"next: give your latitude_deg under [site] of {folder / 'session.toml'}, then {command_line('fit', folder)}")
     if missing_of(result):
         return one_line(f"next: {command_line('fit', folder, '--physics', 'auto', *_given(effects))}")
     if contradictions(result.tests) or not decision.passed:

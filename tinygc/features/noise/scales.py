@@ -299,10 +299,8 @@ def unsteady(rests: Sequence[Rest], channel: int, residuals: Sequence[np.ndarray
         ]
         p_value, noisier, times, samples = min(looks, default=(1.0, 0, 1.0, 0))
         if p_value * max(len(looks), 1) < STEADY:
-            over_s, which = samples / 2 * period_s, ("first", "second")[noisier]
-            remarks.append(
-                f"over {measured(over_s)} s, the noise of its {which} half is {significant(times, 2)} times that of the other{MEAN}"
-            )
+            over, which = measured(float(f"{samples / 2 * period_s:.3g}")), ("first", "second")[noisier]
+            remarks.append(f"over {over} s, the noise of its {which} half is {significant(times, 2)} times that of the other{MEAN}")
     long = [k for k, rest in enumerate(rests) if rest.counts[:, 0].sum() >= MANY_WINDOWS]
     if len(long) > 1:
         squares, freedom = np.array(whole)[long].T

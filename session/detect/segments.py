@@ -115,7 +115,7 @@ def cut_segments(
     return without_leaps(segments, samples)
 
 
-# A turn whose movement is missing: gravity lies elsewhere after it, and no rate states how it came there.
+# A turn whose movement is missing: gravity lies elsewhere after it, and no rate shows how it came there.
 #
 # Gravity moves in the sensor by no more than the sensor turns: its angle from still to still is at most the way of the rate between them.
 # In the 56 recordings of xsens, mikov and mimu (also wild/mimu) it exceeds that by 0.2 degrees at most.

@@ -365,7 +365,7 @@ def _changes(level: np.ndarray) -> int | None:
 
 
 def _factor(rests: _Rests, at: int) -> float | None:
-    """How many times as large gravity states that rates are from a rest on; None where it is not much, or it does not state."""
+    """How many times as large the rates are from a rest on, by gravity; None where it is not much, or gravity does not show it."""
     stills = [measure(rests.samples, [run], rests.blocks.size) for run in rests.runs]
     before, behind = (agreement(rests.samples, part) for part in (stills[:at], stills[at:]))
     if before is None or behind is None or not np.array_equal(before.axes, behind.axes):

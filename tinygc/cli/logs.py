@@ -1,4 +1,4 @@
-"""Logs in the place of session folders: each becomes a session next to it, and a terminal requests what it does not state."""
+"""Logs in the place of session folders: each becomes a session next to it; a terminal is asked for what it does not state."""
 
 from __future__ import annotations
 

@@ -354,7 +354,7 @@ def _against(what: str, each: Conformity) -> tuple[bool | None, str]:
 
 def _by_chance(what: str, p: float, size: str) -> tuple[bool | None, str]:
     if not np.isfinite(p):
-        return None, f"{what} by no number that is finite"
+        return None, f"{what} by a number that is not finite"
     return agrees(p), f"{what} {size}{'as noise explains' if agrees(p) else 'more than noise explains'} ({probability(p)})"
 
 

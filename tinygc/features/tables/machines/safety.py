@@ -365,7 +365,7 @@ class Guarded:
         raise TableFault(f"{self.description.name}: it was ordered to stop and was not seen at rest; {why}")
 
     def clear(self) -> None:
-        """Clear an alarm: only where a person has stated it.  TableFault where the machine cannot, or does not."""
+        """Clear an alarm: only where a person has asked for it.  TableFault where the machine cannot, or does not."""
         self._table.clear()
 
     def forget_alarm(self) -> None:

@@ -97,6 +97,11 @@ def command_line(*words: object) -> str:
     return " ".join([program(), *map(shell_word, words)])
 
 
+def given_effects(folders: Sequence[object]) -> list[object]:
+    """Words of a command for the folders of effects that it is given."""
+    return [word for path in folders for word in ("--effects", path)]
+
+
 def install_line(extra: str, package: str) -> str:
     """What installs a package of an extra of this project, which is on no index, where the line is printed."""
     if not os.path.exists(CHECKOUT):

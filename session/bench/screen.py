@@ -152,7 +152,7 @@ def _turns(guide: Guide) -> str:
 def _stream(health: StreamHealth) -> Text:
     if health.odr_hz is None:
         return Text(f"– Hz; {health.samples} samples")
-    others = {"nominal": health.info_odr_hz, "host clock": health.odr_by_host_hz}
+    others = {"stated": health.info_odr_hz, "host clock": health.odr_by_host_hz}
     stated = ", ".join(f"{who} {odr_hz:.2f}" for who, odr_hz in others.items() if odr_hz)
     return Text(f"{health.odr_hz:.2f} Hz; {f'{stated}; ' if stated else ''}{health.samples} samples")
 

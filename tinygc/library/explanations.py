@@ -97,9 +97,9 @@ class Why(Shown):
         """Probability of at least this mismatch from noise alone."""
         return self.explanation.p_value
 
-    def offers(self, folder: Path) -> list[tuple[str, list[str]]]:
-        """What to do next, and the commands for it; folder: where it is saved."""
-        line, commands = next_line(self.explanation, self.next), next_commands(self.explanation)
+    def offers(self, folder: Path, effects: Sequence[Path] = ()) -> list[tuple[str, list[str]]]:
+        """What to do next, and the commands for it; folder: where it is saved; effects: folders of effects that it was given."""
+        line, commands = next_line(self.explanation, self.next), next_commands(self.explanation, effects)
         return [(line or "next:", commands)] if line or commands else []
 
     @cached_property

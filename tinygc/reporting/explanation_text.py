@@ -7,12 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from math import isfinite
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from session.base.numeric import rms_of
-from session.base.texts import command_line, listed, measured, printable, probability, significant
+from session.base.texts import command_line, given_effects, listed, measured, printable, probability, significant
 from session.base.units import DEG
 from session.detect.first_look import CHANGED
 from tinygc.effects import catalogue
@@ -194,11 +195,11 @@ def next_line(e: Explanation, following: str | None) -> str:
     return f"next: {do}" if do else ""
 
 
-def next_commands(e: Explanation) -> list[str]:
-    """The command that goes on from here, if there is one."""
+def next_commands(e: Explanation, effects: Sequence[Path] = ()) -> list[str]:
+    """The command that goes on from here, if there is one; effects: folders of effects, which it needs, too."""
     named = e.verdict in ("explained", "partly_explained") and any(claim.effect.kind == "rate" for claim in e.proof.fit.state.claims)
     words = ("report", e.session.folder) if e.verdict == "no_mismatch" else ("fit", e.session.folder, "--physics", "auto") if named else ()
-    return [command_line(*words)] if words and not e.session.in_memory else []
+    return [command_line(*words, *given_effects(effects))] if words and not e.session.in_memory else []
 
 
 # All facts: what the screen begins with, then each effect with its evidence, residuals, what was rejected, the noise.

@@ -87,7 +87,7 @@ class Table:
 
 def errors_table(title: str, facts: Sequence[Fact], notes: Sequence[str] = (), meanings: Mapping[str, str] | None = None) -> Table:
     """Errors of a sensor by axis: value ± one sigma; meanings of the terms: for a page, which states the expanded uncertainty, in brackets
-    what one missing effect may add, and k."""
+    what one missing effect has in it, and k."""
     rows: dict[str, tuple[list[str], set[str]]] = {}
     first: dict[str, str] = {}  # row of a word
     for q in facts:

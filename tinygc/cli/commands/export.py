@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from session.base.options import argument, folder_written, option, values
+from session.base.texts import command_line
 from tinygc.cli.options import Command, UsesEffects
 from tinygc.cli.results import complain, output, write_json
 from tinygc.deploy import FORMATS, ExportOptions, format_named
@@ -31,5 +32,7 @@ def run(args: Options) -> int:
     console.print(f"written: {', '.join(map(str, written))}")
     for remark in made.remarks:
         complain(remark) if console.quiet else console.print(remark, style="yellow")
+    if args.folder.is_dir():
+        console.print(f"next, on a later day: {command_line('verify', args.folder, 'TODAY')}", soft_wrap=True)
     write_json(args.json, made.to_json(written))
     return 0

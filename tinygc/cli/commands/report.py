@@ -43,6 +43,7 @@ def _report(args: Options) -> Done:
     from session.base.units import DEG
     from tinygc.estimation.bias import tilt_rms
     from tinygc.library.reports import report
+    from tinygc.reporting.fit_screen import next_line
     from tinygc.reporting.html.paper import require_browser
     from tinygc.reporting.terminal import progress_bar
 
@@ -59,6 +60,7 @@ def _report(args: Options) -> Done:
     decision, evidence = made.verdict, made.data
     output(args).print(made.page)
     output(args).print(f"written: {', '.join(map(str, files))}")
+    output(args).print(next_line(evidence.fit, decision, args.effects, reported=True))
     verdict(args, decision.headline)
     table, code = made.to_json() | defaults_json(args), 0
     for write in writers:

@@ -77,6 +77,7 @@ def _open(address: str) -> None:
 
 
 def _write(args: Options, out: Path) -> int:
+    from session.base.files import result_folder
     from session.base.results import write_text_whole
     from session.log.folder import read_session
     from tinygc.reporting.terminal import progress_bar
@@ -84,12 +85,13 @@ def _write(args: Options, out: Path) -> int:
     from tinygc.reporting.view.curves import Curves
     from tinygc.reporting.view.page import whole_page
 
-    recording = Recording(read_session(args.folder))
     try_file(out, None)
+    recording = Recording(read_session(args.folder))
     with progress_bar(args.quiet) as progress:
         closure, why = fitted(recording, progress)
     content, curves = recording.content(closure, why=why), Curves(logs_of(recording.session))
-    write_text_whole(out, whole_page(content, curves.between(0.0, content["length_s"])))
+    with result_folder(out.parent):
+        write_text_whole(out, whole_page(content, curves.between(0.0, content["length_s"])))
     output(args).print(f"written: {out}", soft_wrap=True)
     return 0
 

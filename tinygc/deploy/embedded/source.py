@@ -28,7 +28,7 @@ _HEADER = """\
  *
  * units    rate in rad/s in and out; specific force in m/s^2, calibrated (level and still, z down: 0, 0, -g); temperature in degC
  * axes     the sensor's own
- * memory   {weights} bytes of weights, {state} bytes of state
+ * memory   {weights} bytes of weights, {state} of state
  * cost     {multiply} multiplications, {add} additions, {compare} comparisons a sample, all in single precision;
  *          code size and instructions on a Cortex-M4F: python benchmarks/firmware.py
  * build    {flags}

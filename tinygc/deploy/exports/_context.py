@@ -16,7 +16,7 @@ from session.base.names import log_paths
 from session.base.progress import Reporter, no_report
 from session.base.records import json_text
 from session.base.results import read_json, read_json_text
-from session.base.texts import command_line, printable
+from session.base.texts import command_line, printable, significant
 from session.base.units import DEG_PER_HOUR, MG
 from session.detect.accelerometer import BIASES, PARAMETERS, SCALES
 from session.log.config import Accelerometer, Config, Protocol, Sensor, Site, read_config
@@ -113,8 +113,8 @@ class Context:
         }[self.accelerometer.source]
         if self.accelerometer_any_session is not None:
             spread = self.accelerometer_any_session
-            scale, zero = (f"{spread[which].max() / si:.2g}" for which, si in ((SCALES, 1e-6), (BIASES, MG)))
-            words = f"{words}; in any other session its scale is within ± {scale} ppm and its zero within ± {zero} mg (one sigma)"
+            scale, zero = (significant(spread[which].max() / si, 2) for which, si in ((SCALES, 1e-6), (BIASES, MG)))
+            words = f"{words}; in any other session its scale is within ± {scale} ppm and its bias within ± {zero} mg (one sigma)"
         if self.accelerometer_unobserved:
             words = f"{words}; not observed: {', '.join(self.accelerometer_unobserved)}"
         return f"{words}; not in this format: {', '.join(self.effects_of_force)}" if self.effects_of_force else words

@@ -38,6 +38,7 @@ GUESSED = "GUESSED, NOT MEASURED"
 INFLATED = "with the slow terms, in motion"
 IN_MOTION_ALONE = f"{INFLATED}; no log at rest shows it"
 UNKNOWN = "not known"
+MOTION = "Vibration, temperature and scale error in motion are in none of these: 5 to 10 times as much is usual in filters."
 #: sources of what a log shows
 SHOWN = (MEASURED, OF_STILLS, FROM_FLOOR, INFLATED)
 REPLACED = "NOT DESCRIBED: the worst axis stands for it"
@@ -270,15 +271,16 @@ def _remarks_of_stills(context: Context, found: Mapping[str, Densities]) -> tupl
         "Densities are sigma_continuous = sigma_sample * sqrt(dt), measured in the stills; the worst axis is given:",
         f"gyroscope {words(gyro)}, accelerometer {words(accel)} (x, y, z).",
         f"Random walks are NOT MEASURED: they have the Allan deviation at {WALK_S:g} s of bias instabilities of "
-        f"{instability / DEG_PER_HOUR:.4g} deg/h and {ACCEL_INSTABILITY_MPS2:g} m/s^2{text}.  Replace them by an hour's recording:",
-        "They are measured at rest.  Vibration, temperature and scale error are in none of these: users inflate them 5 to 10 times.",
+        f"{instability / DEG_PER_HOUR:.4g} deg/h and {ACCEL_INSTABILITY_MPS2:g} m/s^2{text}.",
+        f"Measured ones: record an hour at rest, `{command_line('noise', 'LOG.csv')}`, then export again with --noise.",
+        f"The densities are of a sensor at rest.  {MOTION}",
     )
 
 
 def _inflations(context: Context) -> list[str]:
     """Lines on the factors that motion asks for, and whether they are in the densities."""
     if context.noise is None or not context.noise.inflations:
-        return ["Vibration, temperature and scale error in motion are in none of these: users inflate them 5 to 10 times."]
+        return [MOTION]
     if not context.noise.gyro.is_described:
         return ["The factors of the figures for motion are not used: they are to N at rest, and an axis of it is not described."]
     lines = ["In motion the gyroscope's densities are to be larger (x, y, z); the accelerometer's factors are not known:"]

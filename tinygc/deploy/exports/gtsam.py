@@ -14,6 +14,7 @@ from __future__ import annotations
 import numpy as np
 
 from session.base.records import json_text
+from session.base.texts import command_line
 from tinygc.deploy.exports._context import Context
 from tinygc.deploy.exports._noise import densities, noise_remarks
 from tinygc.deploy.exports._text import remarks
@@ -55,7 +56,7 @@ def preintegration_params(n_gravity, path=Path(__file__).with_name("gtsam_imu.js
 
 def export(model: Model, context: Context) -> dict[str, str]:
     """Export the noise; of the model nothing, since GTSAM has no intrinsics."""
-    context.remark("gtsam has no intrinsics: calibrate the readings before they are preintegrated (`calibrate apply`, or --to c)")
+    context.remark(f"gtsam has no intrinsics: calibrate the readings before they are preintegrated (`{command_line('apply')}`, or --to c)")
     return export_noise(context)
 
 

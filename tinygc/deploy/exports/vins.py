@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from session.base.texts import command_line
 from tinygc.deploy.exports._context import Context
 from tinygc.deploy.exports._noise import densities, noise_remarks
 from tinygc.deploy.exports._text import remarks, yaml_text
@@ -25,7 +26,7 @@ UNITS = {"acc_n": "m/s^2", "acc_w": "m/s^3", "gyr_n": "rad/s", "gyr_w": "rad/s^2
 
 def export(model: Model, context: Context) -> dict[str, str]:
     """Export the noise; of the model nothing, since VINS has no intrinsics."""
-    context.remark("vins has no intrinsics: calibrate the readings before VINS reads them (`calibrate apply`, or --to c)")
+    context.remark(f"vins has no intrinsics: calibrate the readings before VINS reads them (`{command_line('apply')}`, or --to c)")
     return export_noise(context)
 
 

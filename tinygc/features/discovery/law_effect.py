@@ -286,7 +286,7 @@ def law_effect(
         equation=anywhere(equation_of(form)),
         parameter=Parameter(parameter, form.parameter_shape, unit, DEG, plausible=float(f"{PLAUSIBLE * rms_of(theta) / DEG:.2g}") * DEG),
         observable_in=observable_in(form),
-        describe=lambda theta: f"{abs(largest(theta)) / DEG:.3g} {unit} on {axis_of(theta)}: {anywhere(follows(form))}",
+        describe=lambda theta: f"the rate is off by {abs(largest(theta)) / DEG:.3g} {unit} on {axis_of(theta)}: {anywhere(follows(form))}",
         passes=None if jumping or passes == PASSES else passes,
         scan=scan,
         reference_conditions=ReferenceConditions(**known),

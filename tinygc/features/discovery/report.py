@@ -14,7 +14,7 @@ from session import VERSION
 from session.base.errors import FormatError
 from session.base.files import MB, naming, read_bytes, result_folder
 from session.base.results import write_text_whole
-from session.base.texts import command_line, printable
+from session.base.texts import command_line, given_effects, printable
 from session.base.units import DEG
 from session.log.folder import file_key, hash_of_log
 from tinygc.effects.catalogue import loaded_folders
@@ -133,10 +133,10 @@ class DiscoveryReport(Why):
         """``tinygc-explain/2``, with the search's advice on what to do next."""
         return super().table | {"next": self._following, "discovery": to_json(self.beyond, self._files)}
 
-    def offers(self, folder: Path) -> list[tuple[str, list[str]]]:
+    def offers(self, folder: Path, effects: Sequence[Path] = ()) -> list[tuple[str, list[str]]]:
         """What to do next, with the laws in another session."""
-        use = command_line("explain", "OTHER", "--effects", folder / "effects")
-        return [(next_line(self.explanation, self.next), [use])] if self.beyond.laws else super().offers(folder)
+        use = command_line("explain", "OTHER", *given_effects([*effects, folder / "effects"]))
+        return [(next_line(self.explanation, self.next), [use])] if self.beyond.laws else super().offers(folder, effects)
 
     def parts(self, brief: bool = False) -> list[Part]:
         """Its facts, without what to do next; brief: those of the command's first screen."""

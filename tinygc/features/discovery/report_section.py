@@ -13,7 +13,7 @@ from session.base.errors import FormatError
 from session.base.files import MB, read_bytes
 from session.base.records import record_of
 from session.base.results import Array, Keys, ListOf, MapOf, Maybe, Number, Text, read_required, require
-from session.base.texts import shell_word
+from session.base.texts import command_line
 from tinygc.explanation.reported import ReportData
 from tinygc.features.discovery.result import discovery_facts
 from tinygc.features.discovery.search_state import HeldOut
@@ -124,6 +124,6 @@ def section(evidence: ReportData) -> Section | None:
             f"<figcaption>{caption}</figcaption></figure>"
         )
     if found.table["laws"]:
-        use = f"calibrate.py explain OTHER --effects {shell_word(found.folder / 'effects')}"
+        use = command_line("explain", "OTHER", "--effects", found.folder / "effects")
         parts += paragraph("The law as an effect, in another session:") + code(use)
     return Section("discovery", "Beyond the catalogue", parts)

@@ -287,7 +287,7 @@ def fleet_facts(summary: Summary, tally: FleetRun | None = None) -> list[Part]:
     parts += [] if tally is None else [f"This run: {tally.done} done, {tally.failed} failed, {tally.reused} known before."]
     parts.append(
         f"Table: {_count(summary.folders, 'folder')}, {_count(summary.sessions, 'different session')}; "
-        f"{summary.done} done, {summary.all_failed} failed, {significant(summary.cpu_s / 3600)} CPU h."
+        f"{summary.done} done, {summary.all_failed} failed."
     )
     for title, found in (
         ("First look, worst finding", summary.first_look),

@@ -9,7 +9,7 @@ from html import escape as _escape
 from math import isfinite
 from typing import TYPE_CHECKING, Any
 
-from session.base.texts import degrees, fixed, print_minus, printable, probability, significant
+from session.base.texts import command_line, degrees, fixed, print_minus, printable, probability, significant
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -45,7 +45,7 @@ def _environment(package: str) -> Environment:
     environment = Environment(
         loader=loader, autoescape=True, finalize=shown, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
-    environment.globals |= {"wide": WIDE, "narrow": NARROW}
+    environment.globals |= {"wide": WIDE, "narrow": NARROW, "command": command_line}
     environment.tests["finite"] = isfinite
     environment.filters |= {number.__name__: partial(_printed, number) for number in (fixed, significant, degrees, probability)}
     environment.filters["css"] = css_text

@@ -246,7 +246,7 @@ def section(evidence: ReportData) -> Section | None:
     drawn = bars(budgets, "Share of each source in each sensor error", colours_of(budgets))
     about = f"Each bar is the variance of one sensor error by its sources. {worst.name}: {largest_words(worst)}."
     more = "The tables, with degrees of freedom and coverage factors:"
-    html = facts.html([about, drawn, more]) + code(command_line("budget", evidence.fit.session.name))
+    html = facts.html([about, drawn, more]) + code(command_line("budget", evidence.fit.session.folder))
     return Section("sources", "Where the uncertainty comes from", html)
 
 

@@ -27,12 +27,15 @@ def section(evidence: ReportData) -> Section:
     # Only if the logs hold registers.
     per_lsb = session.config.sensor.register_units.gyro_rps if all(log.raw for log in session.logs) else None
     tries = [[", ".join(f"{v:g}".replace("-", "−") for v in m), *(fixed(v, 6) for v in (E @ (m * DEG) + B) / DEG)] for m in TRY_DPS]
+    name = f"model_{adopted.method}.json"
     html = render(
         "application.html",
         e=evidence,
         per_lsb=per_lsb,
         deg=DEG,
-        name=f"model_{adopted.method}.json",
+        name=name,
+        folder=session.folder,
+        file=file if (file := session.folder / "fit" / name).is_file() else name,
         needs=Calibration(model, 1.0).needs,
         E=E,
         B=B,

@@ -42,6 +42,8 @@ def write_table(value: Any, path: Path) -> None:
     names, arrays = [], []
     for name, array in columns:
         stamps = array.dtype.kind in "mM"  # a time, or one since a beginning
+        if array.dtype.kind == "c":
+            raise DataError(f"{name} holds complex numbers, expected real ones")
         try:
             kept = array.dtype.kind in "iu"
             arrays.append(array.astype(f"{array.dtype.kind}8[ns]").astype(np.int64) if stamps else array if kept else array.astype(float))
@@ -58,7 +60,7 @@ def write_table(value: Any, path: Path) -> None:
 def _columns(value: Any) -> Iterator[tuple[str, np.ndarray]]:
     """Name and values of each column; no names of a bare array's."""
     if isinstance(value, np.ndarray) and value.dtype.names is None:
-        yield from (("", column) for column in value.T)
+        yield from (("", _unmasked(column)) for column in value.T)
         return
     if (index := getattr(value, "index", None)) is not None and not callable(index):
         stamps = np.asarray(index)
@@ -66,4 +68,11 @@ def _columns(value: Any) -> Iterator[tuple[str, np.ndarray]]:
             yield str(getattr(index, "name", None) or "time"), stamps
     names = value.dtype.names if isinstance(value, np.ndarray) else value.columns if hasattr(value, "columns") else value
     for name in names:
-        yield " ".join(map(str, name)) if isinstance(name, tuple) else str(name), np.asarray(value[name])
+        yield " ".join(map(str, name)) if isinstance(name, tuple) else str(name), _unmasked(value[name])
+
+
+def _unmasked(values: Any) -> np.ndarray:
+    """As an array; what is masked is no number, whatever stands below the mask."""
+    if np.ma.is_masked(values) and values.dtype.kind in "iuf":
+        return np.asarray(values.astype(float).filled(np.nan))
+    return np.asarray(values)

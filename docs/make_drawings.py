@@ -305,7 +305,7 @@ def stepper() -> None:
     d.line(loop, INK, 2.2)
     d.line(d.circle((0, 0, 55), "z", 76, 195, 275), ACCENT, 2, arrow=True)
     d.label(d.at(*np.add(weight, (16, 10, 8))), 620, 40, "a weight balances board and cable", "released, the plate stays where it is")
-    d.label(loop[2], 620, 95, "cable loop from above, slack for a turn each way", "the limits of the plan keep it: −360° to 0°")
+    d.label(loop[2], 620, 95, "cable loop from above, slack for a turn each way", "the limits of the plan keep it: −361° to −1°")
     d.label(d.at(60, 10, 54), 620, 150, "plate of 120 mm on the shaft")
     d.label(
         d.at(187, 12, 24), 620, 195, "pulley of 20 teeth; belt GT2; 60 teeth below the plate", "no play; steps of 0.0375° at 16 microsteps"

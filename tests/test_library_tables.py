@@ -84,8 +84,8 @@ def test_a_table_goes_wherever_a_session_goes(samples):
         ({"t_s": [1, 2], "gx": ["a", "b"]}, "^gx is not made of numbers"),
         ({"t_s": [1, 2], "gx": [1j, 2j]}, "^gx holds complex numbers, expected real ones"),
         (
-            {"t_s": np.ma.array([1.0, 2.0, 3.0], mask=[0, 1, 0]), "gyro_dps": np.ones((3, 3)), "accel_g": np.ones((3, 3))},
-            "^data line 3: t_s is nan, expected a finite number",
+            {"t_s": np.arange(50) / 50, "gyro_dps": np.ma.array(np.ones((50, 3)), mask=np.eye(50, 3, -1)), "accel_g": np.ones((50, 3))},
+            "^data line 3: gyro_dps_x is nan, expected a finite number",
         ),
         ({"gyro": np.zeros((5, 4))}, r"^gyro has shape \(5, 4\), expected \(N,\) or \(N, 3\)"),
         (

@@ -60,7 +60,7 @@ SCREENS = (
     Screen("challenge --cases 1", r"3 of 3 effects found in simulation, 0 wrong names\.$", slow=True),
     Screen("import good/log0001.csv.gz --out own", r"own: 40 turns, 41 stills, 209\.6 Hz\.", lines=12),
     Screen("check good/log0001.csv.gz", r"READY"),
-    Screen("fit good/log0001.csv.gz", r"FAIL: the turns close to 1\.4 times their noise floor", code=1, slow=True),  # at no latitude
+    Screen("fit good/log0001.csv.gz", r"FAIL: the turns close to 1\.4 × their noise floor", code=1, slow=True),  # at no latitude
     Screen("budget good", r"Attitude after 60 s: within [\d.]+° \(95 %\), 100 % from bias of another switch-on\.", slow=True),
     Screen("budget good --of bias_x", r"bias x: [-\d.]+ ± [\d.]+ dps \(95 %, k = [\d.]+, \d+ dof\)", slow=True),
     Screen("verify good good", r"UNDECIDED: the model was fitted to this very recording\.", code=5, before=("fit good",), slow=True),

@@ -251,7 +251,7 @@ def decide(
     if segments:
         reasons = [_against(held_out, segments[0])]
     else:
-        reasons = [_by_chance("the turns close", closure_p, f"to {significant(times, 2)} times their noise floor, ")]
+        reasons = [_by_chance("the turns close", closure_p, f"to {significant(times, 2)} × their noise floor, ")]
         if reasons[0][0]:  # of the fitted segments; the held-out ones are a little further from the floor
             reasons = [(True, f"residuals look like noise ({probability(closure_p)})")]
     if runs:
@@ -357,7 +357,7 @@ def _against(what: str, each: Conformity) -> tuple[bool | None, str]:
 def _by_chance(what: str, p: float, size: str) -> tuple[bool | None, str]:
     if not np.isfinite(p):
         return None, f"{what} by a number that is not finite"
-    return agrees(p), f"{what} {size}{'as noise explains' if agrees(p) else 'more than noise explains'} ({probability(p)})"
+    return agrees(p), f"{what} {size}{'as noise explains' if agrees(p) else 'more than noise'} ({probability(p)})"
 
 
 def agrees(p_value: float) -> bool:

@@ -275,6 +275,12 @@ def test_the_last_turn_is_dropped_where_it_moved():
     assert "turn 2 dropped, as requested" in said.texts(Kind.STAGE)
 
 
+def test_f_before_the_targets_are_met_ends_nothing_and_names_the_way_to_end():
+    port, guide, shown, _ = keyed(2, (7.1, "f"))
+    assert (guide.accepted, port.decided) == (2, [])
+    assert "f ends the turns once every number is good enough; Ctrl-C ends them now and keeps all" in shown.texts(Kind.WARNING)
+
+
 def test_paused_nothing_is_judged():
     """The second of four turns is made in a pause: nobody counts it, and the first still after the pause is a new log's."""
     port, guide, said, _ = keyed(4, (5.9, "p"), (7.7, "p"))

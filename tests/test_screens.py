@@ -181,12 +181,13 @@ def test_a_recording_ends_with_its_answer_and_leaves_no_live_view(tmp_path):
     (tmp_path / "calibrate.py").symlink_to(ROOT / "calibrate.py")
     with virtual_boards(tmp_path) as board:
         port = board("--rate", 104, "--segments", 4, "--speed", 20)
-        words = ["record", "--port", str(port), "--like", "bench.toml", "--out", "s", "--segments", "2", "--mute"]
+        words = ["record", "--port", port.name, "--like", "bench.toml", "--out", "s", "--segments", "2", "--mute"]
         code, lines = screen_of(words, str(tmp_path))
-    assert (code, re.sub(r"\d+", "N", lines[0])) == (0, "Ended: N of N numbers are good enough after N turns in N s."), lines
+    assert (code, re.sub(r"\d+", "N", lines[0])) == (0, "Ended: N of N numbers are good enough after N turns."), lines
     assert re.match(r"Worst: .* and \d+ more\.$", lines[1])
     assert re.match(r"s: log0001\.csv, \d+ samples$", lines[2])
-    assert lines[3:] == ["next:", "  python calibrate.py check s", "  python calibrate.py fit s"]
+    assert lines[3:5] == ["A fit needs 7 turns, a verdict 13.", "next, with the virtual board started again:"]
+    assert lines[5:] == [f"  python calibrate.py record --resume --out s --port {port.name}"]  # without --segments: they are made
     assert not [line for line in lines if at_fault(line)]
 
 

@@ -365,6 +365,8 @@ class GuidedRecording:
         elif command == "finish":
             if guide.enough:
                 self._decide(Event("finish"))
+            elif guide.closure is None:
+                self._announce(Kind.WARNING, "f ends the turns once every number is good enough; Ctrl-C ends them now and keeps all")
         elif command == "pause":
             self._decide(self._after_pause if guide.stage is Stage.PAUSED else Event("pause"))
         elif command == "drop" and guide.closure is not None:

@@ -98,7 +98,8 @@ def only_candidate() -> KnownPort:
     """The only port with a board; DeviceError where there is none, or more than one."""
     candidates = [port for port in known_ports() if port.is_candidate]
     if not candidates:
-        raise DeviceError(f"no serial port with a board; plug it in ({LIST_PORTS} lists what there is), or give --port")
+        virtual = command_line("board")
+        raise DeviceError(f"no serial port with a board; plug it in, give --port (list: all), or start a virtual one: {virtual}")
     boards = [port for port in candidates if port.usb and port.usb[0] == ST_VENDOR] or candidates
     if len(boards) > 1:
         raise DeviceError(f"more than one port may be the board: {', '.join(port.name for port in candidates)}; choose with --port")

@@ -223,7 +223,7 @@ class LiveAccelerometerFit:
         if not self.stills:
             return "no stills yet"
         before, after = self.spread_mg
-        spread = f"{len(self.stills)} stills, {self.attitudes} attitudes: gravity spreads by {before:.1f} mg"
+        spread = f"{_counted(len(self.stills), 'still')}, {_counted(self.attitudes, 'attitude')}: gravity spreads by {before:.1f} mg"
         if after is None:
             return spread
         return f"{spread}, calibrated {after:.2f} mg{'' if self.known else ' so far'}"
@@ -237,6 +237,10 @@ class LiveAccelerometerFit:
         if abs(scale - 1) <= UNITS_RIGHT:
             return ""
         return f"gravity reads {1 / scale:.2f} g in all attitudes: is the accelerometer's full scale right?"
+
+
+def _counted(count: int, what: str) -> str:
+    return f"{count} {what}{'s' * (count != 1)}"
 
 
 LEAST_TURN_DEG = 30.0  #: a smaller turn is not counted: it determines next to nothing

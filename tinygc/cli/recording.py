@@ -112,9 +112,9 @@ class Recording(Command, Stream):
         """Return the commands to go on with."""
         return (command_line("check", folder), command_line("fit", folder))
 
-    def again(self, folder: Path, port: str) -> str:
-        """Return the command that resumes the recording."""
-        but = [*Recording.__dataclass_fields__, "yes", "at_zero", "view"]
+    def again(self, folder: Path, port: str, *without: str) -> str:
+        """Return the command that resumes the recording, without some of its options."""
+        but = [*Recording.__dataclass_fields__, "yes", "at_zero", "view", *without]
         view = [] if self.view is None else ["--view"]
         return command_line(*self.NAME.split(), "--resume", "--out", folder, "--port", port, *typed(self, but), *view)
 
@@ -123,7 +123,7 @@ class Recording(Command, Stream):
 class Turning(Recording):
     """Options of a recording of turns."""
 
-    segments: int | None = option(None, f"make N turns (as many as all numbers need, at most {MOST_TURNS})", least=1)
+    segments: int | None = option(None, f"make N turns, such as 10 for verify (as many as all numbers need, at most {MOST_TURNS})", least=1)
     closure: float = option(0.0, "then lead through a closure run with S seconds of turning (60)", unit="s", least=0, most=3600, alone=60.0)
     coached: bool = option(True, "recommend each turn", off="any turn will do", flags=("--no-coach",), rare=True)
     view: Any = option(

@@ -302,7 +302,7 @@ def _vector(vector: np.ndarray) -> tuple[float, float, float]:
 
 def _described(parameter: int, sigma: float) -> str:
     """Describe a parameter and how far it is from its target."""
-    far = "not seen in any turn yet" if sigma >= UNSEEN else f"{sigma:.1f} times its target"
+    far = f"over {UNSEEN:.0f} times its target" if sigma >= UNSEEN else f"{sigma:.1f} times its target"
     return f"{parameter_name(parameter)} ({far})"
 
 

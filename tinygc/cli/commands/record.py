@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from session.base import features
 from session.base.texts import command_line, printable
 from tinygc.cli.defaults import defaults_json
 from tinygc.cli.recording import (
@@ -98,11 +99,12 @@ def _report(
     args: Recording, folder: Path, port: str, machine: Any, guide: Guide, recorder: Recorder, session_file: SessionFile, interrupted: bool
 ) -> bool:
     """Print what was recorded, the result first; return interrupted."""
+    from session.bench.port import is_virtual
     from session.bench.rest_guide import in_words
     from session.bench.session_file import ASSUMED
 
     console = output(args)
-    took = f" in {in_words(guide.now_s)}" if guide.segments else ""
+    took = f" in {in_words(guide.now_s)}" if guide.segments and not is_virtual(port) else ""  # its seconds need not be real ones
     ended = f"Interrupted: {guide.so_far}; everything received is kept." if interrupted else f"{guide.outcome.capitalize()}{took}."
     console.print(ended)
     if words := missing(guide):
@@ -125,10 +127,31 @@ def _report(
         console.print(ASSUMED)
     if machine is not None and (words := machine.finish(folder, recorder.logs.renamed)):
         console.print(words)
-    if commands := (args.again(folder, port),) if interrupted else args.next(folder):
-        print_commands(args, "next:", *commands)
+    _print_next(args, folder, port, guide, interrupted)
     write_json(args.json, table(guide, folder, recorder) | defaults_json(args))
     return interrupted
+
+
+def _print_next(args: Recording, folder: Path, port: str, guide: Guide, interrupted: bool) -> None:
+    """Print the commands to go on with: with the turns that there are, and to record more of them."""
+    from session.bench.port import is_virtual
+    from session.detect.check_stills import ENOUGH_SEGMENTS
+    from session.detect.segments import FEWEST_SEGMENTS
+
+    commands, too_few = () if interrupted else args.next(folder), False
+    if args.TURNS:
+        few, too_few = guide.accepted < ENOUGH_SEGMENTS, guide.accepted < FEWEST_SEGMENTS
+        if few:
+            output(args).print(f"A fit needs {FEWEST_SEGMENTS} turns, a verdict {ENOUGH_SEGMENTS}.")
+        commands = () if too_few else args.next(folder)
+        if commands and (few or interrupted) and "verify" in features.names("commands"):
+            commands = (*commands, command_line("verify", "MODEL", folder))
+    if commands:
+        print_commands(args, "next:", *commands)
+    if interrupted or too_few:
+        words = f"{'or more turns' if commands else 'next'}{', with the virtual board started again' if is_virtual(port) else ''}:"
+        # What has made all of its turns is resumed without their number.
+        print_commands(args, words, args.again(folder, port, *(() if interrupted else ("segments",))))
 
 
 def _led(
@@ -139,6 +162,7 @@ def _led(
     from session.base.errors import CalibrationError, OtherSensor
     from session.bench.guided_session import GuidedRecording
     from session.bench.operator import Keyboard
+    from session.bench.port import is_virtual
     from session.bench.recorder import Recorder
     from session.bench.session_file import SessionFile
     from session.log.config import Site
@@ -153,9 +177,10 @@ def _led(
     if recorder.setting.applied and not args.quiet:
         print(f"the board was set: {', '.join(recorder.setting.applied)}", file=sys.stderr)
     guide = args.guide(machine, session_file.protocol)
+    title = f"{folder} · {'the virtual board turns by itself, not as requested' if is_virtual(port) else port}"
     failed, problem, guided, interrupted = None, None, None, False
     try:
-        with Keyboard() as keys, views(args, f"{folder} · {port}", page) as (view, watch):
+        with Keyboard() as keys, views(args, title, page) as (view, watch):
             typed = keys if keys.there else None
 
             def configure(info: Info | None, waited_s: float) -> Config | None:

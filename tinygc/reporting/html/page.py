@@ -8,6 +8,7 @@ from pathlib import Path
 from session.base.files import result_folder
 from session.base.results import write_text_whole
 from session.base.units import DEG
+from session.log.config import NO_SERIAL
 from tinygc.estimation.bias import tilt_rms
 from tinygc.estimation.choice import run_figures
 from tinygc.explanation.reported import ReportData
@@ -74,8 +75,9 @@ def page(evidence: ReportData) -> str:
     sections = [made for part in modules() if (made := part.section(evidence)) is not None]
     title, sensor = f"Calibration report: {evidence.fit.session.name}", evidence.fit.session.config.sensor
     date, _ = recorded(evidence)
-    running = (f"{sensor.model} · {sensor.serial or 'no serial number'}", f"recorded {date}" if date else f"made {evidence.made}")
-    return document(title, render("head.html", e=evidence), sections, render("foot.html", e=evidence), running)
+    serial = "" if sensor.serial in NO_SERIAL else sensor.serial
+    running = (f"{sensor.model} · {serial or 'no serial number'}", f"recorded {date}" if date else f"made {evidence.made}")
+    return document(title, render("head.html", e=evidence, serial=serial), sections, render("foot.html", e=evidence), running)
 
 
 def save(evidence: ReportData, path: Path) -> Path:

@@ -21,7 +21,7 @@ from tinygc.estimation.options import FitOptions
 from tinygc.explanation.checked import check_on
 from tinygc.explanation.engine import explain_session
 from tinygc.explanation.physics import physics_methods
-from tinygc.explanation.result import to_json
+from tinygc.explanation.result import to_json, what_next
 from tinygc.fitting.fit import fit_session
 from tinygc.library.explanations import Why
 from tinygc.reporting.checked_text import checked_page
@@ -29,6 +29,7 @@ from tinygc.reporting.explanation_text import explanation_facts, explanation_scr
 from tinygc.reporting.html.sections.explanation import section
 from tinygc.reporting.terminal import Group, as_text
 from tinygc.simulation.write import write_session
+from tinygc.verdict.model_tests import ModelTest
 
 PER_G = np.array([[0.05, -0.03, 0.02], [0.04, 0.06, -0.05], [-0.07, 0.02, 0.03]])  # dps/g
 
@@ -51,6 +52,24 @@ def of_one_unit(tmp_path_factory):
 @pytest.fixture(scope="module", name="explained")
 def explained_sessions(unit):
     return {path.name: explain_session(path) for path in unit.iterdir()}
+
+
+def test_where_the_earths_rotation_is_found_or_suspected_the_latitude_is_requested():
+    def following(verdict, found, text):
+        claims = [
+            SimpleNamespace(effect=SimpleNamespace(id=found, kind="earth"), equivalent=[], description="it turns: give your latitude")
+        ]
+        session, decision = SimpleNamespace(folder="s", in_memory=False), SimpleNamespace(tests=[ModelTest("effect", 0.0, 0.05, text)])
+        proof = SimpleNamespace(fit=SimpleNamespace(state=SimpleNamespace(claims=[])))
+        e = SimpleNamespace(
+            verdict=verdict, claimed=claims if found else [], findings=[], session=session, decision=decision, proof=proof, own_p={}
+        )
+        return next_line(e, what_next(e)), next_commands(e)
+
+    latitude = "next: give your latitude", ["python calibrate.py fit s --latitude DEG"]
+    assert following("explained", "earth.rotation", "") == latitude
+    assert following("unexplained", "", "the Earth's rotation shows; give your latitude") == latitude
+    assert following("explained", "gyro.other", "")[1] == []
 
 
 def test_nothing_concealed_is_no_mismatch_and_lives_nowhere(explained):

@@ -404,6 +404,16 @@ def test_an_effect_contradicts_where_it_is_there_with_95_percent():
     assert not ModelTest(TURNS, 0.2, 0.01, "").leaves_open
 
 
+def test_the_earths_rotation_is_reported_in_plain_words_where_the_latitude_is_not_known():
+    earth = odds(0.0, **{"earth.rotation": np.log(571)})
+    for latitude_deg, text in (
+        (None, "the Earth's rotation shows; give your latitude"),
+        (48.0, "an effect is probably missing: earth.rotation"),
+    ):
+        (found,) = contradictions(model_tests(FINE, {}, None, earth, None, latitude_deg))
+        assert (found.name, found.description) == (EFFECT, text)
+
+
 def test_effects_that_are_not_told_apart_count_together():
     """Sixteen, thirteen and two to one, of which none is even with the prior odds; one within exp(3) of the best is the last to count."""
     alike = odds(np.log(16), step=np.log(13), warmth=np.log(2), far=np.log(0.79), against=-0.1)

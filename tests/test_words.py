@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from types import SimpleNamespace
 
+import pytest
 from processes import spoil
 
 from session import VERSION
@@ -66,15 +67,23 @@ def test_the_name_alone_shows_the_help_and_is_no_success(run):
     assert "Begin with:  python calibrate.py fit data/session1\n" in out
 
 
-def test_fit_asks_for_the_latitude_where_the_earths_rotation_is_missing():
-    def says(latitude_deg):
-        session = SimpleNamespace(folder=Path("s"), config=SimpleNamespace(site=SimpleNamespace(latitude_deg=latitude_deg)))
-        allowed = SimpleNamespace(suspected=["earth.rotation"])
-        result = SimpleNamespace(session=session, file_to_use="m.json", tests=[], allowed=allowed, physics=None)
-        return next_line(result, SimpleNamespace(passed=False, answer="fail"), ()).plain
-
-    assert says(None) == "next: give your latitude_deg under [site] of s/session.toml, then python calibrate.py fit s"
-    assert says(0.0) == "next: python calibrate.py fit s --physics auto"
+@pytest.mark.parametrize(
+    ("suspected", "latitude_deg", "profile", "answer", "following"),
+    [
+        (["earth.rotation", "gyro.drift"], None, None, "not decided", "fit s --latitude DEG"),
+        (["earth.rotation"], 48.0, None, "not decided", "fit s --physics auto"),
+        (["gyro.drift", "earth.rotation"], None, None, "not decided", "fit s --latitude DEG"),
+        ([], None, None, "no limit", "fit s --sensor NAME, or --limit DEG"),
+        ([], None, "known", "no limit", "report s"),
+        ([], None, None, "pass", "report s"),
+    ],
+)
+def test_fit_names_what_it_needs_in_its_last_line(suspected, latitude_deg, profile, answer, following):
+    config = SimpleNamespace(site=SimpleNamespace(latitude_deg=latitude_deg), sensor=SimpleNamespace(profile=profile))
+    session = SimpleNamespace(folder=Path("s"), config=config)
+    allowed = SimpleNamespace(suspected=suspected)
+    result = SimpleNamespace(session=session, file_to_use="m.json", tests=[], allowed=allowed, physics=None)
+    assert next_line(result, SimpleNamespace(passed=True, answer=answer)).plain == f"next: python calibrate.py {following}"
 
 
 def test_what_fit_says_to_run_next_has_the_effects_that_it_was_given(tmp_path):

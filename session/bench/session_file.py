@@ -19,14 +19,12 @@ from session.bench.clocks import ClockRatio
 from session.bench.events import CHIPS, SENSOR, STANDIN, BoardStatus, Info
 from session.log.config import Accelerometer, Config, LeftOut, Protocol, Sensor, Site, clock_words, config_of, read_config
 from session.log.folder import add_board, add_by_hand, add_notes, set_sensor
-from session.log.registers import DEFAULT, profile_of
+from session.log.registers import DEFAULT, UNKNOWN, profile_of
 from session.log.written import toml_text
 
 # ``session.toml`` of a recording: the user's own file is used as it is; without one it is written from the board's info.
 
 NAME = "session.toml"
-#: model of an unnamed sensor with physical units
-UNKNOWN = "unknown"
 #: note on registers of an unnamed sensor
 ASSUMED = f"nothing names the sensor: its registers are read as an {DEFAULT}'s; --sensor NAME for another (`calibrate.py sensors`)"
 NOMINAL_WITHIN = 0.2  #: relative tolerance of a stated rate: the range of INTERNAL_FREQ_FINE

@@ -52,6 +52,7 @@ from session.log.config import (
 )
 from session.log.logfile import NAME as KNOWN_TURNS
 from session.log.logfile import KnownTurn, Log, already_calibrated, read_known_turns, read_log, rows_of
+from session.log.registers import UNKNOWN
 from session.log.samples import Samples, joined, mapped
 
 # A session folder as one record: configuration, calibration logs, closure runs, dial readings (docs/formats.md).
@@ -543,6 +544,21 @@ def set_sensor(path: Path, values: Mapping[str, float]) -> str:
     text, table = _read(path)
     lines = "".join(toml_line(name, value) for name, value in values.items())
     return _replace(path, _with_lines(text, "sensor", lines), table | {"sensor": {**table["sensor"], **values}})
+
+
+def fill_in(path: Path, section: str, name: str, value: str | float) -> str:
+    """Give a section a value that it does not state yet, and give the file's text.  FormatError where it states another."""
+    from session.log.written import NO_SITE
+
+    text, table = _read(path)
+    stated = table.get(section, {})
+    if (there := stated.get(name)) == value:
+        return text
+    if there not in (None, UNKNOWN):
+        raise FormatError(f"{path}: {section}.{name} is {there}, not {value}; correct it there, or leave the option out")
+    line = toml_line(name, value)
+    filled = text.replace(NO_SITE, line) if section == "site" and NO_SITE in text and not stated else _with_lines(text, section, line)
+    return _replace(path, filled, table | {section: {**stated, name: value}})
 
 
 def add_board(path: Path, board: Mapping[str, str | float], remarks: Mapping[str, str]) -> str:

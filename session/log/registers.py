@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 PROFILES: tuple[Profile, ...] = (*ST, *INVENSENSE, *OTHERS)
 #: the sensor where none is named (docs/formats.md)
 DEFAULT = "ASM330LHH"
+#: model of an unnamed sensor with physical units
+UNKNOWN = "unknown"
 _GENERIC = "generic"
 
 

@@ -470,7 +470,7 @@ def along_line(t_ns: np.ndarray, name: str) -> tuple[np.ndarray, str, float]:
         raise DataError(f"{name}: {what}: the rate changes, or samples are missing; leave --even out, and look at `calibrate.py check`")
     sigma_ppm = _sigma_ppm(count, off, slope_s)
     rate = f"{1 / slope_s:.3f} Hz ± {sigma_ppm:.2g} ppm"
-    note = f"stamps scatter by {off.std() * 1e3:.2g} ms rms: samples were counted along them, {rate}"
+    note = f"stamps scatter by {off.std() * 1e3:.2g} ms rms: counted evenly, {rate}"
     return t_ns[0] + np.rint(even_s * NS_PER_S).astype(np.int64), note, sigma_ppm
 
 

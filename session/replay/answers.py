@@ -12,10 +12,10 @@ from session.base.errors import DataError
 from session.base.numeric import held_for, new_readings, runs_of
 from session.base.questions import Question, QuestionsError
 from session.base.units import DEG, G
-from session.bench.session_file import ASSUMED, UNKNOWN
+from session.bench.session_file import ASSUMED
 from session.log.arrays import USUAL_DPS, USUAL_G
 from session.log.config import Sensor
-from session.log.registers import DEFAULT, nearest_name, profile_of, require_profile
+from session.log.registers import DEFAULT, UNKNOWN, nearest_name, profile_of, require_profile
 from session.log.samples import pieces
 from session.replay.dialects import OWN
 from session.replay.join import LEAST_GRAVITY, Joined

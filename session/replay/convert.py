@@ -316,7 +316,9 @@ def _source(sources: Sequence[Source]) -> str:
 
 
 def next_steps(out: Path, findings: tuple[Finding, ...]) -> tuple[str, ...]:
-    """What to run, and what may be added."""
+    """What to run, and what may be given with it."""
     if any(finding.level == "error" for finding in findings):
         return (command_line("check", out),)
-    return command_line("fit", out), f"optional: your latitude in {out / 'session.toml'} (removes {EARTH_RATE_RPS / MDPS:.0f} mdps)"
+    if read_config(out / "session.toml").site.latitude_deg is not None:
+        return (command_line("fit", out),)
+    return command_line("fit", out), f"optional: --latitude DEG, which removes the Earth's rotation ({EARTH_RATE_RPS / MDPS:.0f} mdps)"

@@ -21,7 +21,7 @@ from session.base.units import DEG, LARGEST_DPS, TIME, G, parse_unit
 from session.detect.axes import EXPLAINED, agreement
 from session.detect.stills import find_stills
 from session.log.samples import Samples
-from session.log.stamps import FASTEST_HZ, SLOWEST_HZ, pace_of
+from session.log.stamps import FASTEST_HZ, SLOWEST_HZ, fresh, pace_of
 from session.replay.dialects import TableLayout
 from session.replay.join import Joined, join
 from session.replay.options import Answers
@@ -228,9 +228,10 @@ def _scale(joined: Joined, gyro_si: float, accel_si: float, time: float = 1.0, m
     time: on the stamps.
     """
     t_ns = np.rint((joined.t_ns[:MOST_ROWS] - joined.t_ns[0]) * time).astype(np.int64)
-    if len(t_ns) < 2 or not (np.diff(t_ns) > 0).all():
+    later = fresh(t_ns)  # of some that a terminal received at once, one
+    if np.count_nonzero(later) < 2 or (np.diff(t_ns) < 0).any():
         return None
-    samples = Samples(t_ns, joined.gyro[:MOST_ROWS] * gyro_si, joined.accel[:MOST_ROWS] * accel_si)
+    samples = Samples(t_ns[later], joined.gyro[:MOST_ROWS][later] * gyro_si, joined.accel[:MOST_ROWS][later] * accel_si)
     if not SLOWEST_HZ <= 1 / samples.period_s <= FASTEST_HZ:
         return None
     found = agreement(samples, find_stills(samples)[0])

@@ -14,7 +14,7 @@ from session.base.errors import FormatError
 from session.base.files import MOST_TOML, read_bytes, read_text, replaced
 from session.base.options import given, refuse_with, typed
 from session.base.texts import comment, install_line, letters_of, printable
-from session.log.folder import sha256_of
+from session.log.folder import fill_in, sha256_of
 from session.log.lines import STANDARD
 from session.replay.binary import registry
 from session.replay.convert import Imported, convert
@@ -34,15 +34,21 @@ def import_log(
     serial: str = "",
     columns: Sequence[str] = (),
     header: str | None = None,
+    latitude_deg: float | None = None,
     further: Sequence[Any] = (),
     most_memory: int | None = None,
 ) -> Imported:
     """Make a session folder of a log; out: None for one with the log's name, in the folder where one works.
 
-    header: of a port's bytes as text; further: records of options that features add; most_memory: bytes that reading may take
-    (session/base/budget.py).  Raises CalibrationError for options that do nothing here, FormatError and DataError, QuestionsError for all
-    that the log does not state, StorageError.
+    header: of a port's bytes as text; latitude_deg, which session.toml gets; further: records of options that features add; most_memory:
+    bytes that reading may take (session/base/budget.py).  Raises CalibrationError for options that do nothing here, FormatError and
+    DataError, QuestionsError for all that the log does not state, StorageError.
     """
+    if latitude_deg is not None:
+        if add:
+            raise FormatError("--latitude is of the whole session: leave it out with --add, and give it to fit")
+        how: dict[str, Any] = {"header": header, "further": further, "most_memory": most_memory}
+        return with_latitude(import_log(paths, out, answers, serial=serial, columns=columns, **how), latitude_deg)
     if most_memory is not None:
         with budget(paths, most_memory):
             return import_log(paths, out, answers, add=add, serial=serial, columns=columns, header=header, further=further)
@@ -63,24 +69,31 @@ def import_log(
         return convert_raw(paths[0], out, answers, header)
     if header is not None:
         raise FormatError(f"{paths[0].name}: --header is of a port's bytes, named .bin; of a log, --columns states what its columns are")
-    how: dict[str, Any] = {"columns": columns, "serial": serial, "add": add, "further": further}
-    if (made := features.first("import of logs", paths, out, answers, **how)) is not None:
+    as_given: dict[str, Any] = {"columns": columns, "serial": serial, "add": add, "further": further}
+    if (made := features.first("import of logs", paths, out, answers, **as_given)) is not None:
         return made
     return convert(paths, out, answers, add, serial, columns)
+
+
+def with_latitude(made: Imported, latitude_deg: float) -> Imported:
+    """A session folder that was made, with its latitude."""
+    fill_in(made.folder / "session.toml", "site", "latitude_deg", latitude_deg)
+    return replace(made, next=made.next[:1])
 
 
 #: begin comments in session.toml: what a folder was made of, with which options, and how that was read
 MADE_OF, MADE_WITH, READ_AS = "# made of", "# made with", "# read as:"
 
 
-def session_next_to(paths: Sequence[Path], answers: Answers) -> tuple[Path, str]:
-    """The session folder of a log, next to it, made where it is not there; and how the log was read, in one line.
+def session_next_to(paths: Sequence[Path], answers: Answers) -> tuple[Path, str, bool]:
+    """The session folder of a log, next to it, made where it is not there; how the log was read, in one line; and whether it was made now,
+    and has no error.
 
     Raises what ``import_log`` does, and FormatError for a folder that was made of something else.
     """
     folder, config = paths[0].parent / _stem(paths[0]), paths[0].parent / _stem(paths[0]) / "session.toml"
     made_of = [f"{MADE_OF} {comment(path.name)}, sha256 {sha256_of(path)}" for path in paths if path.is_file()]
-    options = shlex.join(typed(answers))
+    options = shlex.join(typed(answers, but=("sensor",)))
     if folder.is_dir() and any(folder.iterdir()):
         text = read_text(config, MOST_TOML) if config.is_file() else ""
         there = [line for line in text.splitlines() if line.startswith((MADE_OF, MADE_WITH, READ_AS))]
@@ -88,13 +101,13 @@ def session_next_to(paths: Sequence[Path], answers: Answers) -> tuple[Path, str]
             raise FormatError(f"{folder}: exists, and was not made of {paths[0].name} as it is now; move it, or import with --out DIR")
         if options and f"{MADE_WITH} {options}" not in there:
             raise FormatError(f"{folder}: exists, and was made with other options than {options}; move it, or leave them out")
-        return folder, next((line.removeprefix("# ") for line in there if line.startswith(READ_AS)), "")
+        return folder, next((line.removeprefix("# ") for line in there if line.startswith(READ_AS)), ""), False
     made = import_log(paths, folder, answers)
     remarks = [*made_of, *([f"{MADE_WITH} {options}"] if options else []), *([f"# {made.read_as}"] if made.read_as else [])]
     whole = read_bytes(config, MOST_TOML) + "".join(f"{printable(remark)}\n" for remark in remarks).encode()
     with replaced(config) as file:
         file.write(whole)
-    return folder, made.read_as
+    return folder, made.read_as, not any(finding.level == "error" for finding in made.findings)
 
 
 def kind_named(text: str) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,8 +12,10 @@ from session.base.budget import current
 from session.base.errors import DataError, FormatError
 from session.base.numeric import later_row, median_length
 from session.base.units import G
+from session.detect.stamp_errors import stamp_errors
+from session.log.config import Protocol
 from session.log.reader import Piece
-from session.log.samples import Growing
+from session.log.samples import Growing, Samples
 from session.log.stamps import COARSE, TWICE, UNCOUNTED, along_line, counted, evenly, fresh, pace_of, written_once
 from session.log.thermometer import Sound
 from session.replay.dialects import TableLayout
@@ -155,9 +158,24 @@ def _whole(source: Source, odr_hz: float | None, notes: list[str], sigmas: list[
     if even and (note is None or UNCOUNTED in note):
         stamps, note, sigma_ppm = along_line(stamps, name)
         notes.append(f"{name}: {note}")
+    elif note is None and source.layout.clock and columns[1] is not None and _taken_evenly(stamps, columns[1]):
+        with suppress(DataError):  # samples are missing, or the rate changes: the stamps stay
+            stamps, note, sigma_ppm = along_line(stamps, name)
+            notes.append(f"{name}: {note}")
     if sigma_ppm is not None:
         sigmas.append(sigma_ppm)
     return Piece(stamps, *columns[1:])
+
+
+#: of the scatter of stamps: what readings that were taken evenly follow less of, so that counting them is nearer
+HALF = 0.5
+
+
+def _taken_evenly(t_ns: np.ndarray, gyro: np.ndarray) -> bool:
+    """Whether rates (N, 3), in any unit, show that samples were taken evenly, and only arrived when their stamps (N,) ns state."""
+    later = fresh(t_ns)
+    errors = stamp_errors(Samples(t_ns[later], gyro[later], gyro[later]), Protocol().segment_s)
+    return errors.resolved and errors.followed < HALF
 
 
 #: of a log: rows at its end that may repeat what is before them, and how near their last stamp is to the last before them, in periods

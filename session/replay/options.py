@@ -71,6 +71,16 @@ class Answers(Record):
     )
 
 
+@documented
+@dataclass(frozen=True)
+class Place(Record):
+    """Where a log was recorded."""
+
+    latitude_deg: float | None = option(
+        None, "your latitude, north positive: kept in session.toml", least=-90, most=90, flags=("--latitude",), metavar="DEG"
+    )
+
+
 @dataclass(frozen=True)
 class Into(Record):
     """What a log becomes a part of."""

@@ -17,6 +17,7 @@ from session.log.numbers import RowFault, has_rows, load, make_sound, require_er
 from session.log.numbers import fault as line_fault
 from session.log.one_sensor import MOST_SENSORS, Form, refuse_turns
 from session.log.reader import HEAD_LINES, Piece, Reader, first_of_content
+from session.log.registers import profile_of
 from session.log.stamps import COUNTER, DAY_NS, ERA_NS, Unroll
 from session.replay.clock import exact_ns
 from session.replay.dialects import TableLayout
@@ -61,6 +62,10 @@ class TableReader(Reader):
             head = head[bool(form.header) :]
             layout = replace(layout, first=layout.first - bool(form.header))
             self.notes.append(f"{form.name}: read as a table")
+            named = {profile.name for line in begins if (profile := profile_of(line)) is not None}
+            if len(named) == 1:  # what a sketch prints when it begins: MPU-6050 ready
+                self.comments["sensor"] = named.pop()
+                self.notes.append(f"the sensor is {self.comments['sensor']}, as a line without readings states")
             self._text_form = form_of(begins, answers.packed, path.name)  # one that remembers nothing of these lines
         self.comments |= layout.facts
         columns = Form(path.name, layout.delimiter, layout.names, layout.used, layout.header_line)

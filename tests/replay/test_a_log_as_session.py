@@ -29,11 +29,11 @@ def test_a_folder_is_made_next_to_the_log_and_used_again_while_log_and_options_a
     log = tmp_path / "bench" / "own.log.txt"
     log.parent.mkdir()
     log.write_text(STAMPED)
-    folder, read_as = session_next_to([log], Answers(gyro_fs_dps=500.0))
-    assert (folder, read_as) == (log.parent / "own", "read as: time in ms (52 Hz), gyro in dps, accelerometer in g")
+    folder, read_as, made_now = session_next_to([log], Answers(gyro_fs_dps=500.0))
+    assert (folder, read_as, made_now) == (log.parent / "own", "read as: time in ms (52 Hz), gyro in dps, accelerometer in g", True)
     made = {path: path.stat().st_mtime_ns for path in folder.iterdir()}
     for answers in (Answers(), Answers(gyro_fs_dps=500.0)):
-        assert session_next_to([log], answers) == (folder, read_as)
+        assert session_next_to([log], answers) == (folder, read_as, False)
     assert {path: path.stat().st_mtime_ns for path in folder.iterdir()} == made
     with pytest.raises(FormatError, match="own: exists, and was made with other options than --gyro-fs 250; move it, or leave them out"):
         session_next_to([log], Answers(gyro_fs_dps=250.0))
@@ -79,3 +79,37 @@ def test_what_a_log_does_not_state_is_asked_at_a_terminal_and_refused_elsewhere(
     assert asked.getvalue().count(prompt) == 2
     assert "'x' is no answer; give --odr HZ" in asked.getvalue()
     assert read_session(tmp_path / "own").config.sensor.odr_hz == 52.0
+
+
+def test_fit_and_import_ask_for_the_latitude_once_and_take_it_later_as_an_option(run, tmp_path, monkeypatch):
+    log, prompt = tmp_path / "own.csv", "your latitude in degrees (Enter: unknown)? "
+    log.write_text(STAMPED)
+    config, fit = tmp_path / "own" / "session.toml", ("fit", log, "--methods", "least_squares")
+    terminal = Terminal()
+    with monkeypatch.context() as at_terminal:
+        at_terminal.setattr(sys, "stdin", Terminal("48N\n91\n\n-33.9\n"))
+        at_terminal.setattr(sys, "stderr", terminal)
+        assert run(*fit)[0] in (0, 1)
+        assert (terminal.getvalue().count(prompt), read_session(tmp_path / "own").config.site.latitude_deg) == (3, None)
+        assert "91 is no latitude; give a number such as 48.1, or -33.9 in the south" in terminal.getvalue()
+        assert run(*fit)[0] in (0, 1)  # of a folder that is there nothing is requested
+        assert terminal.getvalue().count(prompt) == 3
+        code, out, _ = run("import", log, "--out", tmp_path / "south")
+    assert (code, terminal.getvalue().count(prompt), "optional" in out) == (0, 4, False)
+    assert read_session(tmp_path / "south").config.site.latitude_deg == -33.9
+    before = config.read_text()
+    assert run(*fit, "--latitude", "48.1")[0] in (0, 1)
+    with_place = config.read_text()
+    assert "\n[site]\nlatitude_deg = 48.1\n\n# [accelerometer]" in with_place
+    assert [line for line in with_place.splitlines() if line in before.splitlines()] == [
+        line for line in before.splitlines() if not line.startswith("# optional: latitude_deg")
+    ]
+    assert run("fit", tmp_path / "own", "--latitude", "48.1", "--sensor", "mpu6050", "--methods", "least_squares")[0] in (0, 1)
+    assert config.read_text() == with_place.replace('"unknown"', '"MPU-6050"')
+    for words, complaint in (
+        (("--latitude", "48"), "session.toml: site.latitude_deg is 48.1, not 48.0; correct it there, or leave the option out"),
+        (("--sensor", "BMI270"), "session.toml: sensor.model is MPU-6050, not BMI270; correct it there, or leave the option out"),
+    ):
+        for path in (log, tmp_path / "own"):
+            code, _, err = run("fit", path, *words)
+            assert (code, complaint in err) == (2, True)

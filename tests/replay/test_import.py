@@ -264,7 +264,7 @@ def test_stamps_that_scatter_are_counted_along_where_it_is_asked_for(tmp_path):
     path.write_text(log_of(FEW, "t_us", np.round(late_us).astype(int)))
     told = {"gyro_fs_dps": 500.0, "accel_fs_g": 4.0}
     made = import_log([path], tmp_path / "even", Answers(**told, even=True))
-    assert any("samples were counted along them, 105." in note for note in made.notes)
+    assert any("counted evenly, 105." in note for note in made.notes)
     session = read_session(made.folder)
     assert np.ptp(np.diff(session.logs[0].samples.t_ns)) < 1e4
     assert 0 < session.clock.sigma < 1e-3

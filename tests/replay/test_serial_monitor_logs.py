@@ -229,3 +229,22 @@ def test_what_a_person_states_stays_and_files_may_be_exchanged(tmp_path):
     nameless = "\n".join(still.splitlines()[1:])
     with pytest.raises(FormatError, match="no header, 7 columns of numbers"):
         made_of(tmp_path / "nameless.csv", nameless)
+
+
+def test_stamps_of_arrival_are_counted_evenly_unless_the_readings_went_along_with_them(tmp_path):
+    """A terminal receives samples some ms late.  Where the sensor was read at those moments, the stamps are right, and stay."""
+    moved = Table().tumble(12, seed=3, turn_s=3.0).samples(odr_hz=104)
+    t_s = moved.t_ns * 1e-9
+    arrived_s = np.maximum.accumulate(t_s + np.random.default_rng(1).exponential(2e-3, len(t_s)))
+    counts = np.hstack([moved.accel / G * 8192, moved.gyro / DEG * 65.5])
+    for name, at_s, stamps in (("even", t_s, "time counted (104 Hz)"), ("uneven", arrived_s, "time of day (103.5 Hz)")):
+        log, rows = tmp_path / f"{name}.txt", np.rint([np.interp(at_s, t_s, axis) for axis in counts.T]).astype(int).T
+        line = "{} -> aX = {} | aY = {} | aZ = {} | gX = {} | gY = {} | gZ = {}"
+        lines = [line.format(clock(round(1e3 * at)), *row) for at, row in zip(arrived_s, rows, strict=True)]
+        log.write_text("\n".join([f"{lines[0].split(' ->')[0]} -> MPU6050 Found!", *lines, ""]))
+        made = convert([log], tmp_path / name, Answers())
+        assert made.read_as == f"read as: {stamps}, gyro in dps/65.5, accelerometer in g/8192"
+        sensor, samples = made.session.config.sensor, made.session.logs[0].samples
+        assert (sensor.model, sensor.even_sigma_ppm is not None) == ("MPU-6050", name == "even")
+        assert f"{log.name}: the sensor is MPU-6050, as a line without readings states" in made.notes
+        assert name == "uneven" or np.ptp(samples.t_s - t_s) < 3e-4

@@ -10,7 +10,8 @@ from typing import Any, TypeVar
 
 from session.base.errors import CalibrationError
 from session.base.options import READERS, flag, part
-from session.replay.options import Answers
+from session.base.texts import printable
+from session.replay.options import Answers, Place
 
 R = TypeVar("R")
 
@@ -21,17 +22,52 @@ def of_session(args: R) -> tuple[R, str]:
     options: Any = args
     paths = (options.folder, *getattr(options, "more", ()))
     answers = part(args, Answers) if isinstance(args, Answers) else Answers()
+    latitude_deg = args.latitude_deg if isinstance(args, Place) else None
     if not any(path.is_file() for path in paths):
-        if answers != Answers():
+        if replace(answers, sensor=None) != Answers():
             raise CalibrationError(f"{options.folder}: a folder states its units itself; leave the options of a log out")
+        for path in paths:
+            _fill_in(path, latitude_deg, answers.sensor)
         return args, ""
     if folders := [path for path in paths if not path.is_file()]:
         raise CalibrationError(f"{folders[0]}: {'a folder' if folders[0].exists() else 'not found'}, among logs; give logs or folders")
-    folder, read_as = _session(paths, answers, options.quiet)
+    folder, read_as, made = _session(paths, answers, options.quiet)
+    if made and isinstance(args, Place) and latitude_deg is None:
+        latitude_deg = ask_latitude(options.quiet)
+    _fill_in(folder, latitude_deg, None if made else answers.sensor)
     return replace(options, folder=folder, **({"more": ()} if options.__dict__.get("more") else {})), read_as
 
 
-def _session(paths: Sequence[Path], answers: Answers, quiet: bool) -> tuple[Path, str]:
+def _fill_in(folder: Path, latitude_deg: float | None, sensor: str | None) -> None:
+    """Give a session.toml what it does not state yet; FormatError where it states another."""
+    from session.log.config import read_config
+    from session.log.folder import fill_in
+    from session.log.registers import profile_of, require_profile
+
+    if latitude_deg is not None:
+        fill_in(folder / "session.toml", "site", "latitude_deg", latitude_deg)
+    if sensor is not None and profile_of(read_config(folder / "session.toml").sensor.model) is not (named := require_profile(sensor)):
+        fill_in(folder / "session.toml", "sensor", "model", named.name)
+
+
+def _at_terminal() -> bool:
+    return bool(sys.stdin and sys.stdin.isatty() and sys.stderr.isatty())
+
+
+def ask_latitude(quiet: bool) -> float | None:
+    """What a person answers; None where there is none, or who does not know it."""
+    while not quiet and _at_terminal():
+        print("your latitude in degrees (Enter: unknown)? ", end="", file=sys.stderr, flush=True)
+        if not (text := sys.stdin.readline().strip()):
+            break
+        try:
+            return Place(READERS["float"](text)).latitude_deg
+        except (ValueError, CalibrationError):
+            print(f"{printable(text[:40])} is no latitude; give a number such as 48.1, or -33.9 in the south", file=sys.stderr)
+    return None
+
+
+def _session(paths: Sequence[Path], answers: Answers, quiet: bool) -> tuple[Path, str, bool]:
     from session.base.questions import QuestionsError
     from session.replay.importing import session_next_to
 
@@ -40,7 +76,7 @@ def _session(paths: Sequence[Path], answers: Answers, quiet: bool) -> tuple[Path
     except QuestionsError as requested:
         known = {flag(Answers, each.name): each for each in fields(Answers)}
         wanted = {question: known.get(question.option.split()[0]) for question in requested.questions}
-        if quiet or not (sys.stdin and sys.stdin.isatty() and sys.stderr.isatty()) or None in wanted.values():
+        if quiet or not _at_terminal() or None in wanted.values():
             raise
         found: dict[str, Any] = {}
         for question, each in wanted.items():

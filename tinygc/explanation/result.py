@@ -22,6 +22,7 @@ from tinygc.explanation.families import SlowZero, slow_zero
 from tinygc.explanation.search import lines_end_hz
 from tinygc.noise.channels import own_residuals, unknown_rows
 from tinygc.noise.twin import Variable, variable_of
+from tinygc.verdict.model_tests import EARTH_ROTATION, EARTH_SHOWS
 
 # Times, in seconds of the session, of what was found in the registers and in the stills.
 
@@ -211,6 +212,12 @@ def residual_table(e: Explanation) -> list[tuple[str, int, list[float]]]:
     return rows
 
 
+def needs_latitude(e: Explanation) -> bool:
+    """Whether the Earth's rotation is found, or the likeliest cause of what is not explained, where no latitude is given."""
+    shows = e.decision is not None and any(test.description == EARTH_SHOWS for test in e.decision.tests)
+    return any(claim.effect.id == EARTH_ROTATION for claim in e.claimed) or (shows and e.verdict == "unexplained" and not e.findings)
+
+
 def what_next(e: Explanation) -> str | None:
     """Motion or condition that would decide what this recording cannot; None if nothing is open."""
     for claim in e.claimed:
@@ -218,6 +225,8 @@ def what_next(e: Explanation) -> str | None:
             return claim.effect.discriminating_motion
     if e.findings:
         return e.findings[0].effect.discriminating_motion
+    if e.verdict == "unexplained" and needs_latitude(e):
+        return EARTH_SHOWS.partition("; ")[2]
     if e.verdict == "unexplained" and (suspicion := next((warning.do for warning in e.warnings if warning.do), None)):
         return suspicion
     if e.verdict == "unexplained":

@@ -226,7 +226,8 @@ class FitResult:
     def tests(self) -> tuple[ModelTest, ...]:
         """Whether the recording contradicts the linear model."""
         runs = dict(zip((run.file for run in self.runs), self.without_physics.candidate.run_p, strict=True))
-        return model_tests(self.goodness, runs, self.noise, self.allowed, self.accelerometer)
+        latitude_deg = self.session.config.site.latitude_deg
+        return model_tests(self.goodness, runs, self.noise, self.allowed, self.accelerometer, latitude_deg)
 
     @cached_property
     def requirements(self) -> Requirements | None:

@@ -20,7 +20,7 @@ from session.base.questions import QuestionsError
 from session.log.folder import Session, read_session
 from session.replay.convert import Imported as Imported
 from session.replay.importing import import_log as import_files
-from session.replay.options import Answers, Into
+from session.replay.options import Answers, Into, Place
 from tinygc.library.arguments import public
 from tinygc.library.tables import is_table, write_table
 
@@ -121,7 +121,7 @@ def columns_of(columns: Sequence[str] | None) -> tuple[str, ...]:
 FURTHER = tuple(features.each("options of import"))
 
 
-@public(Answers, Into, *FURTHER)
+@public(Answers, Into, Place, *FURTHER)
 def import_log(
     paths: Paths,
     out: Path | str | None = None,
@@ -173,6 +173,7 @@ def import_log(
             None if out is None else Path(out),
             *records(answers, Answers),
             **vars(*records(answers, Into)),
+            **vars(*records(answers, Place)),
             columns=columns_of(columns),
             header=header,
             further=records(answers, *FURTHER),

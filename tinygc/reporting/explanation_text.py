@@ -27,6 +27,7 @@ from tinygc.explanation.result import (
     equivalent_words,
     families_of,
     is_refitted,
+    needs_latitude,
     noise_rows,
     rejected_words,
     residual_table,
@@ -197,6 +198,8 @@ def next_line(e: Explanation, following: str | None) -> str:
 
 def next_commands(e: Explanation, effects: Sequence[Path] = ()) -> list[str]:
     """The command that goes on from here, if there is one; effects: folders of effects, which it needs, too."""
+    if needs_latitude(e) and not e.session.in_memory:
+        return [command_line("fit", e.session.folder, "--latitude", "DEG", *given_effects(effects))]
     named = e.verdict in ("explained", "partly_explained") and any(claim.effect.kind == "rate" for claim in e.proof.fit.state.claims)
     words = ("report", e.session.folder) if e.verdict == "no_mismatch" else ("fit", e.session.folder, "--physics", "auto") if named else ()
     return [command_line(*words, *given_effects(effects))] if words and not e.session.in_memory else []

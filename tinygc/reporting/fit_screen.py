@@ -13,7 +13,7 @@ from tinygc.reporting.facts import screen
 from tinygc.reporting.fit_text import TITLES, closure_table, parameters_table
 from tinygc.reporting.terminal import Group, Text, one_line
 from tinygc.verdict.acceptance import GIVEN, Acceptance
-from tinygc.verdict.model_tests import contradictions
+from tinygc.verdict.model_tests import EARTH_ROTATION, contradictions
 
 
 def fit_screen(result: FitResult, decision: Acceptance) -> Group:
@@ -57,10 +57,6 @@ def _remarks(result: FitResult) -> list[Text]:
     )
 
 
-#: effect that a latitude removes
-EARTH = "earth.rotation"
-
-
 def files_line(result: FitResult, folder: Path, decision: Acceptance) -> Text:
     """Name the model's file, and whether to use it."""
     if result.file_to_use is None:
@@ -76,14 +72,16 @@ def next_line(result: FitResult, decision: Acceptance, effects: Sequence[Path] =
     folder = result.session.folder
     if result.file_to_use is None:
         return one_line(f"next: record more turns, to more attitudes; {command_line('check', folder)}")
-    if result.allowed is not None and EARTH in result.allowed.suspected and result.session.config.site.latitude_deg is None:
-        return one_line(f"next: give your latitude_deg under [site] of {folder / 'session.toml'}, then {command_line('fit', folder)}")
+    if EARTH_ROTATION in missing_of(result) and result.session.config.site.latitude_deg is None:
+        return one_line(f"next: {command_line('fit', folder, '--latitude', 'DEG', *given_effects(effects))}")
     if missing_of(result):
         return one_line(f"next: {command_line('fit', folder, '--physics', 'auto', *given_effects(effects))}")
     if contradictions(result.tests) or not decision.passed:
         return one_line(f"next: {command_line('explain', folder, *given_effects(effects))}")
     if decision.answer == "not decided":
         return one_line(f"next: record more turns; {command_line('check', folder, '--plan')} names them")
+    if not reported and decision.answer == "no limit" and result.session.config.sensor.profile is None:
+        return one_line(f"next: {command_line('fit', folder, '--sensor', 'NAME', *given_effects(effects))}, or --limit DEG")
     if not reported:
         return one_line(f"next: {command_line('report', folder, *given_effects(effects))}")
     if not (folder / "fit" / "fit.json").is_file():

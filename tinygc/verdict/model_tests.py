@@ -24,6 +24,8 @@ from tinygc.estimation.systematic import Systematic
 from tinygc.inference.choose import MISMATCH_P, PRIOR_ODDS, SURE, SUSPECTED
 
 TURNS, RUN, NOISE, EFFECT, GRAVITY = "turns", "run", "noise", "effect", "gravity"
+#: id of an effect that a latitude removes, and what is reported of it
+EARTH_ROTATION, EARTH_SHOWS = "earth.rotation", "the Earth's rotation shows; give your latitude"
 
 
 @dataclass(frozen=True)
@@ -54,9 +56,10 @@ def model_tests(
     noise: StatedNoise | None,
     allowed: Systematic | None,
     accelerometer: AccelerometerFit | None,
+    latitude_deg: float | None = None,
 ) -> tuple[ModelTest, ...]:
     """Return the tests of a linear model that can be made; runs: p-value by file; noise and allowed: None where the noise is not
-    estimated."""
+    estimated; latitude_deg of the site, None where it is not known."""
     p = goodness.p_value
     found = [ModelTest(TURNS, p, MISMATCH_P, f"closure of the fitted turns, {goodness.freedom} degrees of freedom: {probability(p)}")]
     found += [ModelTest(RUN, p, MISMATCH_P, f"{file}: {probability(p)}") for file, p in runs.items()]
@@ -71,6 +74,8 @@ def model_tests(
         missing = f"an effect is probably missing: {named}" if named else "no effect of the catalogue is probable"
         if named and p >= none_missing(SUSPECTED):
             missing = f"the zero drifts ({named}); no effect on scale or axes is probable"
+        if latitude_deg is None and allowed.suspected[:1] == [EARTH_ROTATION]:
+            missing = EARTH_SHOWS
         found.append(ModelTest(EFFECT, p, none_missing(SURE), missing))
     return (*found, *([] if accelerometer is None else gravity_test(accelerometer)))
 

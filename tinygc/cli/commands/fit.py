@@ -7,7 +7,7 @@ from pathlib import Path
 
 from session.base import features
 from session.base.options import argument, folder_written, option, part
-from session.replay.options import GROUP, Answers
+from session.replay.options import GROUP, Answers, Place
 from tinygc.cli.defaults import defaults_json, limit_text
 from tinygc.cli.logs import of_session
 from tinygc.cli.options import Command, UsesEffects, VerdictOptions
@@ -16,7 +16,7 @@ from tinygc.estimation.options import ACCELEROMETERS, OF_ACCELEROMETER, FitOptio
 
 
 @dataclass(frozen=True)
-class Options(FitOptions, Answers, VerdictOptions, Command, UsesEffects):
+class Options(FitOptions, Answers, Place, VerdictOptions, Command, UsesEffects):
     """Options of ``fit``."""
 
     RARE = GROUP

@@ -6,19 +6,20 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from session.base.options import argument, folder_written, option, part, values
-from session.replay.options import GROUP, Answers, Into
+from session.replay.options import GROUP, Answers, Into, Place
 from tinygc.cli.arguments import memory, stream_header
+from tinygc.cli.logs import ask_latitude
 from tinygc.cli.options import Command
 from tinygc.cli.results import output, write_json
 
 #: lines of how a log was read, and of what is wrong with it
-MOST_LINES, MOST_DOUBTS = 6, 2
+MOST_LINES, MOST_DOUBTS = 7, 2
 #: what a further log may add to the session
 MAY_FOLLOW = ("turns", "stills", "length")
 
 
 @dataclass(frozen=True)
-class Options(Answers, Into, Command):
+class Options(Answers, Into, Place, Command):
     """Options of ``import``."""
 
     logs: tuple[Path, ...] = argument("the log; or gyroscope's and accelerometer's; or raw.bin", (), metavar="LOG")
@@ -51,7 +52,7 @@ def run(args: Options) -> int:
     """Convert a log to a session folder."""
     from session.base.errors import FormatError
     from session.detect.check_samples import HELD
-    from session.replay.importing import import_log, known_logs
+    from session.replay.importing import import_log, known_logs, with_latitude
 
     console = output(args)
     if args.list:
@@ -72,11 +73,14 @@ def run(args: Options) -> int:
         args.out,
         part(args, Answers, columns=one),
         **values(args, Into),
+        **values(args, Place),
         columns=columns,
         header=args.header,
         further=args.of_features,
         most_memory=args.most_memory,
     )
+    if len(made.next) > 1 and (latitude_deg := ask_latitude(args.quiet)) is not None:
+        made = with_latitude(made, latitude_deg)
     errors = [finding for finding in made.findings if finding.level == "error"]
     console.print(made.headline)
     for line in (*made.took, *made.repairs)[:MOST_LINES]:

@@ -19,9 +19,7 @@ EFFECT = Effect(
     observable_in=("still",),
     kind="earth",
     columns=nothing(3),
-    describe=lambda theta: (
-        f"the stills turn with the Earth, as at a latitude of {latitude_deg(theta):.0f}°: put site.latitude_deg into session.toml"
-    ),
+    describe=lambda theta: f"the stills turn with the Earth, as at a latitude of {latitude_deg(theta):.0f}°: give your latitude",
     discriminating_motion="record stills with each axis up and down and pointing each way",
     conditions=("attitude", "g"),
     derived=Derived("latitude_deg", "deg", latitude_deg),

@@ -289,9 +289,6 @@ def test_three_axes_span_space_down_to_a_singular_value_of_three_tenths():
     assert not _span_space(turns(0.9, "clips"))
 
 
-WHERE = "12 parameters, 2 angles a segment; the last ends at 8 s: copy the log again if it was cut there, or record more turns"
-
-
 def test_too_few_segments_say_what_is_missing_and_where_the_last_ends():
     samples, stills = turning(3.0)
     (segment,) = cut(samples, stills)
@@ -302,7 +299,7 @@ def test_too_few_segments_say_what_is_missing_and_where_the_last_ends():
         ([creeping, *stills], [], [], "3 still phases but no turn between two that are usable (creeps)"),
         (stills, [bad, bad], [], "all 2 segments are rejected, the first because it clips"),
         (stills, [segment] * 6 + [bad], [dial], "6 usable segments, expected at least 7"),
-        (stills, [segment] * 6 + [bad], [], f"6 usable segments, expected at least 7 (40 is good, fewer with a prior): {WHERE}"),
+        (stills, [segment] * 6 + [bad], [], "6 usable segments, expected at least 7 for a fit; the last ends at 8 s: record more turns"),
     ):
         assert why_too_few(found, segments, turns, 1.5).startswith(said)
     assert why_too_few(stills, [segment] * 7, [], 1.0) is why_too_few(stills, [segment], axes, 1.0) is None

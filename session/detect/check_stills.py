@@ -96,7 +96,7 @@ def check_turns(where: str, parts: Sequence[LogSegments], turns: Sequence[FoundT
     left_out = f"; not used: {_first_few(out)}" if out else ""
     do = "record more turns, each to another attitude, both ways about each axis"
     if (refused := why_too_few(stills, segments, turns, still_s)) is not None:
-        return [Finding("error", where, TURNS, f"{refused}{left_out}", do)]
+        return [Finding("error", where, TURNS, f"{refused}{left_out}", f"{do}; a verdict needs {ENOUGH_SEGMENTS}")]
     of = f" of {len(segments)}" if out else ""
     text = f"{len(used)}{of} turns from still to still, {2 * len(used)} angles for 12 parameters"
     if len(used) >= ENOUGH_SEGMENTS:

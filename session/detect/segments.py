@@ -308,9 +308,8 @@ def why_too_few(stills: Sequence[Still], segments: Sequence[Segment], turns: Seq
     if len(used) >= FEWEST_SEGMENTS or _span_space(turns):
         return None
     return (
-        f"{len(used)} usable segments, expected at least {FEWEST_SEGMENTS} (40 is good, fewer with a prior): "
-        f"12 parameters, 2 angles a segment; the last ends at {used[-1].start_s + used[-1].duration_s:.0f} s: "
-        "copy the log again if it was cut there, or record more turns"
+        f"{len(used)} usable segments, expected at least {FEWEST_SEGMENTS} for a fit; "
+        f"the last ends at {used[-1].start_s + used[-1].duration_s:.0f} s: record more turns"
         + next((f"; turns.csv, {turn.known.name}: {turn.problem}" for turn in turns if turn.problem), "")
     )
 

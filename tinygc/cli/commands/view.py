@@ -179,9 +179,10 @@ class Viewer:
             raise CalibrationError(f"{recording.session.reference.title}s cut these segments; leave one out with fit --exclude {number}")
         if wish["kind"] == "segment":
             segment = recording.segment(number)
+            there = recording.rows_of_segment(segment)
             if wish["do"] == "take back":
-                return recording.rows_of_segment(segment), None
-            return [], recording.leave_out(segment)
+                return there, None
+            return [], None if there else recording.leave_out(segment)  # another window may have left it out
         before = recording.row_of_still(*recording.place(number))
         gone = [] if before is None else [before]
         if wish["do"] == "take back":

@@ -529,20 +529,20 @@ class Guide:
         if segment is None:
             self._announce(Kind.READY, f"the first still holds ({still.duration_s:.1f} s): turn")
             return
-        number, problem = self.accepted + self.rejected + self.dropped + 1, why_not(segment)
+        problem = why_not(segment)
         self.here.refused = True
         if any(moved_at(segment, examined.samples, at_ns * NS) for at_ns in self.here.dropped_ns):
             self.dropped += 1
-            self._announce(Kind.STAGE, f"turn {number} dropped, as requested")
+            self._announce(Kind.STAGE, "turn dropped, as requested")
         elif problem:
             self.rejected += 1
-            self._announce(Kind.REJECTED, f"turn {number} rejected: {problem}")
+            self._announce(Kind.REJECTED, f"turn rejected: {problem}")
         else:
             self.here.refused = False
             turn = accepted_turn(segment, examined, self.log, self._before_s, self.here.began_ns)
             self.taken.turns.append(turn)
             note = f"; {segment.note}" if segment.note else ""
-            self._announce(Kind.ACCEPTED, f"turn {number} accepted: {segment.turn_deg:.0f}° in {segment.turn_s:.1f} s{note}", turn)
+            self._announce(Kind.ACCEPTED, f"turn accepted: {segment.turn_deg:.0f}° in {segment.turn_s:.1f} s{note}", turn)
             if self.accepted >= self.segments:
                 self._turns_done()
 

@@ -33,7 +33,7 @@ from session.base.files import (
 )
 from session.base.names import CLOCKS, log_paths, refuse_special
 from session.base.progress import Reporter, no_report
-from session.base.texts import command_line, printable, unicode_text
+from session.base.texts import printable, unicode_text
 from session.base.toml import Note, add_lines, edited, parse_toml, toml_line, value_text
 from session.base.units import DEG
 from session.log.config import (
@@ -351,9 +351,7 @@ def read_session(folder: Path | str, progress: Reporter = no_report) -> Session:
     paths, closures = log_paths(folder, "log"), log_paths(folder, "closure")
     rests = log_paths(folder, "rest")
     if not paths and rests:
-        raise FormatError(
-            f"{folder}: rest logs alone, in which nothing is turned; `{command_line('noise', folder)}` or temperature reads them"
-        )
+        raise FormatError(f"{folder}: rest logs alone, in which nothing is turned; give a session with turns")
     if not paths:
         raise FormatError(f"{folder}: no log; expected log*.csv or log*.csv.gz next to session.toml")
 

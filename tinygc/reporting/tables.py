@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from session.base import features
 from session.base.names import CLOCKS
 from session.base.texts import NONE, command_line
 from session.detect.findings import LEVELS, Finding, worst
@@ -41,8 +42,9 @@ def next_line(folder: Path, findings: list[Finding]) -> Text:
     by_arrivals = f"--clock {CLOCKS[1]}"  # where it was taken, or is advised
     again = by_arrivals.split() if not unit_lines(findings) and any(by_arrivals in finding.line for finding in findings) else []
     if worst(findings) != "error":
-        turned = any(folder.glob("log*.csv*")) or not any(folder.glob("rest*.csv*"))
-        return one_line(f"next: {command_line('fit', folder, *again) if turned else command_line('noise', folder)}")
+        of_rests = "noise"  # of a feature
+        turned = any(folder.glob("log*.csv*")) or not any(folder.glob("rest*.csv*")) or of_rests not in features.names("commands")
+        return one_line(f"next: {command_line('fit', folder, *again) if turned else command_line(of_rests, folder)}")
     from session.detect.repair import can_be_repaired  # late: only errors are repaired
 
     if can_be_repaired(findings) and not unit_lines(findings):

@@ -89,7 +89,7 @@ def test_a_folder_says_its_rest_logs_and_a_folder_of_them_alone_says_what_to_do(
     assert [path.name for path in read_session(folder).rests] == ["rest0001.csv"]
     (tmp_path / "session.toml").write_text(SESSION_TOML)
     rest_file(tmp_path, table())
-    with pytest.raises(FormatError, match=r"rest logs alone.*calibrate\.py noise"):
+    with pytest.raises(FormatError, match=r"rest logs alone.*session with turns"):
         read_session(tmp_path)
 
 

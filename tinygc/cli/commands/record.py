@@ -144,8 +144,9 @@ def _print_next(args: Recording, folder: Path, port: str, guide: Guide, interrup
         if few:
             output(args).print(f"A fit needs {FEWEST_SEGMENTS} turns, a verdict {ENOUGH_SEGMENTS}.")
         commands = () if too_few else args.next(folder)
-        if commands and (few or interrupted) and "verify" in features.names("commands"):
-            commands = (*commands, command_line("verify", "MODEL", folder))
+        check = "verify"  # of a feature
+        if commands and (few or interrupted) and check in features.names("commands"):
+            commands = (*commands, command_line(check, "MODEL", folder))
     if commands:
         print_commands(args, "next:", *commands)
     if interrupted or too_few:

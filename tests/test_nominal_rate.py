@@ -125,9 +125,10 @@ def test_the_common_scale_carries_the_rates_uncertainty(nominal):
     assert (decision.answer, fitted.nominal_rate.doubt in decision.doubts) == ("not decided", True)
 
 
-def test_a_clock_that_nobody_knows_stands_beside_the_scales(bare, known):
+def test_a_clock_that_nobody_knows_is_excluded_from_the_scales(bare, known):
     quantities = pytest.importorskip("tinygc.features.unit.budget.quantities", reason="the feature that states a budget is not there")
-    beside = [
-        {each.name for each in quantities.sensor_error_budgets(fit) if CLOCK in [row.what for row in each.beside]} for fit in (bare, known)
+    excluded = [
+        {each.name for each in quantities.sensor_error_budgets(fit) if CLOCK in [row.what for row in each.excluded]}
+        for fit in (bare, known)
     ]
-    assert beside == [{f"scale factor error {axis}" for axis in "xyz"}, set()]
+    assert excluded == [{f"scale factor error {axis}" for axis in "xyz"}, set()]

@@ -121,7 +121,7 @@ def test_export_refuses_it_and_takes_the_one_for_any_time(fitted, tmp_path, run)
     words = ["export", folder, "--to", "json", "--out", tmp_path, "--quiet", "--model"]
     code, _, err = run(*words, "physics")
     assert (code, err.count("\n")) == (2, 1)
-    assert "undoes gyro.bias_drift" in err
+    assert "corrects gyro.bias_drift" in err
     assert "--model physics_at_end" in err
     assert run(*words, "physics_at_end")[0] == 0
     saved = tinygc.load(folder / "fit" / "model_physics_at_end.json").to_json()

@@ -18,7 +18,7 @@ from tinygc.deploy import LogSession
 from tinygc.deploy.apply import Applied, apply_model, model_of
 from tinygc.deploy.calibration import Calibration
 from tinygc.library.arguments import column_unit, is_fit, public
-from tinygc.library.logs import session_of_table
+from tinygc.library.sources import session_of_table
 from tinygc.library.tables import is_table
 from tinygc.models.files import load_with_table
 

@@ -42,8 +42,8 @@ from tinygc.fitting.fit_file import SCHEMA, segments_table
 from tinygc.fitting.unit_state import UnitState, read_state, spread_of
 from tinygc.library.applied import stored_model
 from tinygc.library.arguments import public
-from tinygc.library.logs import session_or_folder
 from tinygc.library.records import Estimate, Named, Shown
+from tinygc.library.sources import session_or_folder
 from tinygc.models.denoiser import DenoisedNet
 from tinygc.models.model import Model
 from tinygc.reporting.facts import Table, screen

@@ -15,7 +15,7 @@ from session.log.folder import Session
 from tinygc.closure.prepared import first_look_at_fit
 from tinygc.estimation.options import Clock
 from tinygc.library.arguments import public
-from tinygc.library.logs import session_of_table, session_or_folder
+from tinygc.library.sources import session_of_table, session_or_folder
 from tinygc.library.tables import is_table
 from tinygc.noise.measured import measured_noise
 

@@ -23,8 +23,8 @@ from tinygc.explanation.checked import check_on as check
 from tinygc.explanation.engine import explain_session
 from tinygc.explanation.result import to_json
 from tinygc.library.arguments import public
-from tinygc.library.logs import session_or_folder
 from tinygc.library.records import Listed, Shown
+from tinygc.library.sources import session_or_folder
 from tinygc.reporting.checked_text import checked_page
 from tinygc.reporting.drawing import Picture, saved
 from tinygc.reporting.explanation_text import explanation_facts, explanation_screen, headline, next_commands, next_line

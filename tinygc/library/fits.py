@@ -23,8 +23,8 @@ from tinygc.fitting.fit import fit_session
 from tinygc.fitting.fit_file import model_tables, save_models, to_json
 from tinygc.fitting.results import FitResult
 from tinygc.library.arguments import chosen, public
-from tinygc.library.logs import session_or_folder
 from tinygc.library.records import Estimate, Named, Shown, accelerometer_estimates
+from tinygc.library.sources import session_or_folder
 from tinygc.models.linear import NAMES
 from tinygc.reporting import ReportOptions
 from tinygc.reporting.fit_screen import verdict_lines

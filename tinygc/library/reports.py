@@ -21,8 +21,8 @@ from tinygc.deploy import FORMATS, NOISE_FORMATS, ExportError, ExportOptions, ex
 from tinygc.deploy.exports._context import Context, NoiseSource, read_context
 from tinygc.estimation.options import FitOptions
 from tinygc.library.arguments import chosen, is_fit, public
-from tinygc.library.logs import session_or_folder
 from tinygc.library.records import Shown
+from tinygc.library.sources import session_or_folder
 from tinygc.models.model import Model
 from tinygc.noise.figures import NoiseFigures
 from tinygc.reporting import ReportOptions

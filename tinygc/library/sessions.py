@@ -15,8 +15,8 @@ from session.log.config import Accelerometer
 from session.log.folder import Session, read_session
 from tinygc.estimation.accelerometer import AccelerometerFit, of_lengths
 from tinygc.library.arguments import public
-from tinygc.library.logs import session_or_folder
 from tinygc.library.records import Estimate, Listed, Named, Shown, accelerometer_estimates
+from tinygc.library.sources import session_or_folder
 from tinygc.planning.proposals import Proposal, propose
 from tinygc.reporting.fit_text import lengths_page
 from tinygc.reporting.terminal import Group, one_line

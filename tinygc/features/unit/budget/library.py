@@ -36,8 +36,8 @@ from tinygc.features.unit.options import BudgetOptions
 from tinygc.fitting.fit import fit_session
 from tinygc.fitting.results import FitResult
 from tinygc.library.arguments import is_fit, public
-from tinygc.library.logs import session_or_folder
 from tinygc.library.records import Kept
+from tinygc.library.sources import session_or_folder
 from tinygc.reporting import facts
 from tinygc.reporting.drawing import Axis, Panel
 from tinygc.reporting.facts import Part, Table, screen

@@ -112,6 +112,8 @@ def test_a_zero_that_moved_is_taken_anew_and_the_new_model_holds(model, unit, tm
     assert any("no temperature in the model" in note for note in found.notes)
     x, y, z = re.findall(r"[xyz] ([-+][\d.]+)", " ".join(found.diagnosis.best.stated[0].numbers))
     assert [float(x), float(y), float(z)] == pytest.approx(-moved / DEG, abs=0.01)  # it reads less where B is more
+    printed = re.search(r"New bias, dps: x (\S+) ± \S+, y (\S+) ± \S+, z (\S+) ±", found.summary())
+    assert [float(each) for each in printed.groups()] == pytest.approx(-np.linalg.solve(unit.E, unit.B + moved) / DEG, abs=0.01)
     written = found.save_model(tmp_path / "anew.json")
     assert pytest.approx(found.bias_dps) == tinygc.load(written).model.B / DEG
     table = json.loads(written.read_text())

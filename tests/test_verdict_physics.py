@@ -168,7 +168,7 @@ def test_each_rule_holds_up_to_its_limit(known, limit_deg, answer):
             "not decided",
             "NOT DECIDED: held-out turns close to 0.0573°, limit 0.057°; this unit has 9 mdps/√Hz, 5 there",
         ),
-        (Promise(5.0), "no limit", "no limit: held-out turns close to 0.0573°"),
+        (Promise(5.0), "no limit", "NO LIMIT: held-out turns close to 0.0573°; noise alone leaves 0.0573°"),
     ],
 )
 def test_without_a_limit_it_is_twice_what_the_data_sheet_promises(sheet, answer, says):

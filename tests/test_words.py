@@ -73,7 +73,7 @@ def test_the_name_alone_shows_the_help_and_is_no_success(run):
         (["earth.rotation", "gyro.drift"], None, None, "not decided", "fit s --latitude DEG"),
         (["earth.rotation"], 48.0, None, "not decided", "fit s --physics auto"),
         (["gyro.drift", "earth.rotation"], None, None, "not decided", "fit s --latitude DEG"),
-        ([], None, None, "no limit", "fit s --sensor NAME, or --limit DEG"),
+        ([], None, None, "no limit", "report s\n  or, for PASS or FAIL: python calibrate.py fit s --limit DEG"),
         ([], None, "known", "no limit", "report s"),
         ([], None, None, "pass", "report s"),
     ],

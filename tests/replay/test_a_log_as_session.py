@@ -82,12 +82,12 @@ def test_what_a_log_does_not_state_is_asked_at_a_terminal_and_refused_elsewhere(
 
 
 def test_fit_and_import_ask_for_the_latitude_once_and_take_it_later_as_an_option(run, tmp_path, monkeypatch):
-    log, prompt = tmp_path / "own.csv", "your latitude in degrees (Enter: unknown)? "
+    log, prompt = tmp_path / "own.csv", "your latitude in degrees, for the Earth's rotation (Enter: unknown)? "
     log.write_text(STAMPED)
     config, fit = tmp_path / "own" / "session.toml", ("fit", log, "--methods", "least_squares")
     terminal = Terminal()
     with monkeypatch.context() as at_terminal:
-        at_terminal.setattr(sys, "stdin", Terminal("48N\n91\n\n-33.9\n"))
+        at_terminal.setattr(sys, "stdin", Terminal("here\n91\n\n33,9° S\n"))
         at_terminal.setattr(sys, "stderr", terminal)
         assert run(*fit)[0] in (0, 1)
         assert (terminal.getvalue().count(prompt), read_session(tmp_path / "own").config.site.latitude_deg) == (3, None)

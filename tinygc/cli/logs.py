@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Sequence
 from dataclasses import fields, replace
@@ -50,6 +51,10 @@ def _fill_in(folder: Path, latitude_deg: float | None, sensor: str | None) -> No
         fill_in(folder / "session.toml", "sensor", "model", named.name)
 
 
+#: as people write it: 48.1, -33,9, 31.03° N
+LATITUDE = re.compile(r"([NSns]?) *([+-]?[\d.,]+) *°? *([NSns]?)")
+
+
 def _at_terminal() -> bool:
     return bool(sys.stdin and sys.stdin.isatty() and sys.stderr.isatty())
 
@@ -57,12 +62,14 @@ def _at_terminal() -> bool:
 def ask_latitude(quiet: bool) -> float | None:
     """What a person answers; None where there is none, or who does not know it."""
     while not quiet and _at_terminal():
-        print("your latitude in degrees (Enter: unknown)? ", end="", file=sys.stderr, flush=True)
+        print("your latitude in degrees, for the Earth's rotation (Enter: unknown)? ", end="", file=sys.stderr, flush=True)
         if not (text := sys.stdin.readline().strip()):
             break
         try:
-            return Place(READERS["float"](text)).latitude_deg
-        except (ValueError, CalibrationError):
+            north, number, also = LATITUDE.fullmatch(text).groups()  # type: ignore[union-attr]
+            degrees = READERS["float"](number.replace(",", "."))
+            return Place(-degrees if "s" in f"{north}{also}".lower() else degrees).latitude_deg
+        except (AttributeError, ValueError, CalibrationError):
             print(f"{printable(text[:40])} is no latitude; give a number such as 48.1, or -33.9 in the south", file=sys.stderr)
     return None
 

@@ -129,7 +129,7 @@ def _looks(e: Explanation) -> Iterator[Text]:
         yield Text(f"Lever arm {lever} mm.{'' if e.gravity.is_offset else f' Gyro and accelerometer {apart}.'}")
         if not e.repaired.found:
             yield Text("No clipping, no lost samples.")
-    if warned := [warning.what for warning in e.warnings if warning.what != CHANGED]:
+    if warned := [each.what for each in e.warnings if each.level == "warning" and each.what != CHANGED]:
         what = listed(list(dict.fromkeys(warned)), 3)
         yield one_line(f"The first look warns of {what}: see `check`.", "yellow")
 

@@ -295,7 +295,7 @@ def decide(
     if not segments and limit is not None and tilt / DEG > limit:
         more = f"; {promise.noisier}" if promise is not None and promise.noisier else ""
         undecided.append(f"{held_out}, limit {significant(limit, 2)}°{more}")
-    closure = held_out if limit is None else f"{held_out} (limit {significant(limit, 2)}°)"
+    closure = f"{held_out}; noise alone leaves {degrees(tilt / times)}" if limit is None else f"{held_out} (limit {significant(limit, 2)}°)"
     if len(files):
         closure += f", closure run{'s' * (len(files) > 1)} to {degrees(max(map(rms_of, candidate.run_errors)))}"
     found = [*_doubts(candidate, times, accelerometer), *doubts]

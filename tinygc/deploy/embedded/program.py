@@ -116,7 +116,7 @@ def _net_behind_physics(model: CarriedNet) -> list[Stage]:
 
 #: kind of model -> its stages; other kinds cannot be exported to C
 STAGES: dict[type, Callable[[Any], list[Stage]]] = {
-    LinearModel: lambda model: [linear(model, "LINEAR", "r = E r + B")],
+    LinearModel: lambda model: [linear(model, "LINEAR", "r = r + (E - 1) r + B")],
     CalibrationNet: lambda model: [calibration_net(model)],
     DenoisedNet: lambda model: [*_stages(model.calibration), denoise(model.denoiser)],
     PhysicsModel: lambda model: [*_stages(model.linear), *(effect_stage(claim, model.known) for claim in model.claims)],

@@ -161,7 +161,11 @@ def test_a_folder_stands_for_the_model_that_its_fit_recommends(folder, tmp_path,
         (["model.json", "session/log0001.csv", "-o", "torn.csv"], "exists"),
         (["model.json", "rates.csv", "-o", "out.csv"], "misses the accelerometer"),
         (["model.json", "torn.csv", "-o", "out.csv", "--session", "session"], "line 300"),
-        (["model.json", "phone.csv", "-o", "out.csv"], "import phone.csv` reads another program's log"),
+        (["model.json", "blank.txt", "-o", "out.csv"], "these are options of `"),
+        (["model.json", "torn.csv", "session", "-o", "out.csv"], "session: no file, among a recording's logs"),
+        (["model.json", ".", "-o", "out.csv"], ".: a folder without log*.csv; give a log"),
+        (["model.json", "two", "-o", "out.csv"], "two: give one of its logs: log0001.csv, log0002.csv"),
+        (["model.json", "phone.csv", "-o", "out.csv"], "phone.csv: no accelerometer; give its file as well"),
         *(([f"bad{n}.json", "session/log0001.csv", "-o", "out.csv"], "accelerometer") for n in range(2)),
     ],
 )
@@ -172,6 +176,10 @@ def test_bad_input_gets_one_line_and_leaves_no_output(arguments, words, folder, 
     torn = (folder / "log0001.csv").read_text().split("\n")
     torn[299] = "1,2"
     (tmp_path / "torn.csv").write_text("\n".join(torn))
+    (tmp_path / "blank.txt").write_text("".join(f"0,0,{1 + i % 2 / 1000},1,2,3\n" for i in range(500)))
+    (tmp_path / "two").mkdir()
+    for name in ("log0001.csv", "log0002.csv"):
+        (tmp_path / "two" / name).write_text("\n".join(torn))
     model_file(tmp_path / "model.json", physics("gyro.g_sensitivity"))
     flat = {"matrix": np.zeros((3, 3)).tolist(), "bias_mps2": [0, 0, 0]}
     for n, entry in enumerate((flat, 3)):

@@ -1,17 +1,20 @@
 """A log in the place of a session folder: it is imported next to itself once, and asked at a terminal for what it does not state."""
 
 import io
+import json
 import sys
 
 import numpy as np
 import pytest
 from conftest import Table
+from models_in_use import LINEAR
 
 from session.base.errors import FormatError
+from session.base.texts import command_line
 from session.base.units import DEG, G
 from session.replay.importing import session_next_to
 from session.replay.options import Answers
-from tinygc import read_session
+from tinygc import models, read_session
 
 MOVED = Table().tumble(16, seed=3, turn_s=3.0).samples(odr_hz=52)
 ROWS = [",".join(f"{x:.5f}" for x in row) for row in np.column_stack([MOVED.accel / G, MOVED.gyro / DEG])]
@@ -42,12 +45,17 @@ def test_a_folder_is_made_next_to_the_log_and_used_again_while_log_and_options_a
         session_next_to([log], Answers())
 
 
-def test_commands_take_a_log_and_a_telephones_two(run, tmp_path):
+def telephone(folder):
     files = []
     for name, values, unit in (("Gyroscope", MOVED.gyro, "rad/s"), ("Accelerometer", MOVED.accel, "m/s^2")):
-        files.append(tmp_path / f"{name}.csv")
+        files.append(folder / f"{name}.csv")
         rows = (",".join(f"{x:.9f}" for x in (t, *row)) for t, row in zip(MOVED.t_s, values, strict=True))
         files[-1].write_text("\n".join([f"Time (s),{name} x ({unit}),{name} y ({unit}),{name} z ({unit})", *rows, ""]))
+    return files
+
+
+def test_commands_take_a_log_and_a_telephones_two(run, tmp_path):
+    files = telephone(tmp_path)
     code, out, err = run("fit", *files, "--methods", "least_squares")
     assert code in (0, 1), err
     assert "read as: time in s (52 Hz), gyro in rad/s, accelerometer in m/s^2" in out
@@ -64,12 +72,34 @@ def test_commands_take_a_log_and_a_telephones_two(run, tmp_path):
         assert complaint in err
 
 
+def test_apply_takes_a_log_a_telephones_two_and_a_session_folder_as_the_log_of_that_session(run, tmp_path):
+    files, log, model = telephone(tmp_path), tmp_path / "own.log.txt", tmp_path / "model.json"
+    log.write_text(STAMPED)
+    model.write_text(json.dumps(models.to_dict(LINEAR)))
+    for first, logs, read_as in (
+        ("Gyroscope", files, "read as: time in s (52 Hz), gyro in rad/s, accelerometer in m/s^2"),
+        ("own", [log], "read as: time in ms (52 Hz), gyro in dps, accelerometer in g"),
+    ):
+        written = []
+        folder = tmp_path / first
+        for number, given in enumerate((logs, logs, logs[:1], [folder], [folder / "log0001.csv"])):
+            out = tmp_path / f"{first}{number}.csv"
+            code, printed, err = run("apply", model, *given, "-o", out)
+            assert (code, read_as in printed) == (0, number < 3), err
+            written.append(out.read_bytes())
+        assert set(written) == {written[-1]}
+        assert [path.name for path in folder.glob("*.csv")] == ["log0001.csv"]
+        assert run("apply", model, *logs, "-o", folder / "log0001.csv", "--force")[0] == 2
+
+
 def test_what_a_log_does_not_state_is_asked_at_a_terminal_and_refused_elsewhere(run, tmp_path, monkeypatch):
     log = tmp_path / "own.txt"
     log.write_text("\n".join([*ROWS, ""]))
-    code, _, err = run("check", log)
-    assert code == 2
-    assert "own.txt (no header) does not state its data rate, as it has no time stamps; give --odr HZ" in err
+    for words in (("check", log), ("apply", log, log, "-o", tmp_path / "out.csv")):
+        code, _, err = run(*words)
+        assert code == 2
+        assert "own.txt (no header) does not state its data rate, as it has no time stamps; give --odr HZ" in err
+    assert err.endswith(f"give --odr HZ; these are options of `{command_line('fit', log)}`\n")
     monkeypatch.setattr(sys, "stdin", Terminal("x\n52\n"))
     asked = Terminal()
     monkeypatch.setattr(sys, "stderr", asked)

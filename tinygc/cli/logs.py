@@ -9,9 +9,10 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
-from session.base.errors import CalibrationError
+from session.base.errors import CalibrationError, FormatError
+from session.base.files import is_stream
 from session.base.options import READERS, flag, part
-from session.base.texts import printable
+from session.base.texts import command_line, printable
 from session.replay.options import Answers, Place
 
 R = TypeVar("R")
@@ -37,6 +38,31 @@ def of_session(args: R) -> tuple[R, str]:
         latitude_deg = ask_latitude(options.quiet)
     _fill_in(folder, latitude_deg, None if made else answers.sensor)
     return replace(options, folder=folder, **({"more": ()} if options.__dict__.get("more") else {})), read_as
+
+
+def log_of(paths: Sequence[Path], quiet: bool) -> tuple[Path, str]:
+    """The standard log of some paths, and how these were read, in one line: one that is standard, a stream or a folder as it is, and
+    nothing; of another program's, or of a telephone's two, the log of the session next to it, which is made where it is not there."""
+    from session.base.names import log_paths
+    from session.base.questions import QuestionsError
+    from session.log.reader import Reader
+
+    if len(paths) == 1:
+        try:
+            if paths[0].is_file() and not is_stream(paths[0]):
+                Reader(paths[0], gyro_alone=True)
+            return paths[0], ""
+        except FormatError:  # by its header no standard log
+            pass
+    if missing := [path for path in paths if not path.is_file()]:
+        raise CalibrationError(f"{missing[0]}: no file, among a recording's logs; give one log, or a telephone's two")
+    from session.replay.recognise import UnknownColumnsError  # a standard log needs no reader of others
+
+    try:
+        folder, read_as, _ = _session(paths, Answers(), quiet)
+    except (QuestionsError, UnknownColumnsError) as error:
+        raise CalibrationError(f"{error}; these are options of `{command_line('fit', *paths)}`") from None
+    return next(iter(log_paths(folder, "log")), folder), read_as
 
 
 def _fill_in(folder: Path, latitude_deg: float | None, sensor: str | None) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 
 from session.base import features
 from session.base.errors import CalibrationError
+from session.base.names import log_paths
 from session.base.options import records, refuse_with
 from session.base.progress import Progress, no_report
 from session.log.logfile import Log, refuse_calibrated
@@ -45,7 +46,8 @@ def apply(
     model : Calibration, Fit, str or Path
         A calibration, a model file, or the folder of a session: the model that its fit recommends.
     data : array_like, Log, str or Path
-        Measured rates (N, 3); a session's log; a table, as ``read_log`` reads it; or a standard log's file, with ``out``.
+        Measured rates (N, 3); a session's log; a table, as ``read_log`` reads it; or, with ``out``, a standard
+        log's file, or the folder of a session with one log.
     out : str or Path, optional
         The log to write, .csv or .csv.gz, of a log file.
     acc, temp : array_like, optional
@@ -126,17 +128,19 @@ def _apply_to_file(
         raise CalibrationError(f"apply: {log} is a file; give out=, the log to write")
     path, table = stored_model(model)
     path = path if table is not None else model_of(path)
-    for source in (log, path):
+    logs = log_paths(log, "log") if log.is_dir() else [log]
+    for source in (*logs, path):
         if source.exists() and Path(out).exists() and os.path.samefile(source, out):
             raise CalibrationError(f"{out}: is what is read, and nothing is written over it; give out another path")
     place, *further = records(choices, LogSession, *FURTHER)
     how: dict[str, Any] = {"unit": column_unit(unit), "session": place.session, "further": further, "progress": progress or no_report}
     if table is None and (fused := features.first("use of a model", path, log, Path(out), **how)) is not None:
         return fused
-    if log.is_dir():
-        raise CalibrationError(f"{log}: cannot be read (it is a folder, expected a log)")
+    if len(logs) != 1:
+        names = ", ".join(each.name for each in logs)
+        raise CalibrationError(f"{log}: {f'give one of its logs: {names}' if logs else 'a folder without log*.csv; give a log'}")
     refuse_with(f"{path.name}, the model of one sensor", {}, further)
-    done: Applied = apply_model(path, log, Path(out), place.session, how["unit"], progress, table)
+    done: Applied = apply_model(path, logs[0], Path(out), place.session, how["unit"], progress, table)
     return done
 
 

@@ -159,9 +159,9 @@ def test_the_python_and_the_c_that_apply_a_model_agree(tmp_path, monkeypatch):
         (python,) = (block for block in blocks(path, "python") if "tinygc.load" in block)
         exec(python, known := {"registers": registers})
         np.testing.assert_allclose(known["omega"], expected, rtol=0, atol=1e-12)
-        (code,) = blocks(path, "c")
-        if shutil.which("gcc") is None:
+        if path.name == "README.md" or shutil.which("gcc") is None:
             continue
+        (code,) = blocks(path, "c")
         body = f"const int *g = rows[row];\n{code}\nfor (int i = 0; i < 3; i++) all[3 * row + i] = omega[i];\n"
         loop = f"double omega[3];\nfor (int row = 0; row < 200; row++) {{\n{body}}}\n"
         (tmp_path / "apply.c").write_text(f"{before}void apply(double *all) {{\n{loop}}}\n")

@@ -44,7 +44,6 @@ def log_of(paths: Sequence[Path], quiet: bool) -> tuple[Path, str]:
     """The standard log of some paths, and how these were read, in one line: one that is standard, a stream or a folder as it is, and
     nothing; of another program's, or of a telephone's two, the log of the session next to it, which is made where it is not there."""
     from session.base.names import log_paths
-    from session.base.questions import QuestionsError
     from session.log.reader import Reader
 
     if len(paths) == 1:
@@ -56,7 +55,8 @@ def log_of(paths: Sequence[Path], quiet: bool) -> tuple[Path, str]:
             pass
     if missing := [path for path in paths if not path.is_file()]:
         raise CalibrationError(f"{missing[0]}: no file, among a recording's logs; give one log, or a telephone's two")
-    from session.replay.recognise import UnknownColumnsError  # a standard log needs no reader of others
+    from session.base.questions import QuestionsError  # late: a standard log needs no reader of others
+    from session.replay.recognise import UnknownColumnsError
 
     try:
         folder, read_as, _ = _session(paths, Answers(), quiet)

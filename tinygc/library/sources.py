@@ -7,14 +7,14 @@ from pathlib import Path
 from typing import Any
 
 from session.base.errors import CalibrationError, FormatError
-from session.base.questions import QuestionsError
 from session.log.folder import Session
 from tinygc.library.tables import is_table
 
 
 def session_of_table(table: Any) -> Session:
     """The session of a table that states its units, or whose units physics shows.  Raises what ``read_log`` does."""
-    from tinygc.library.logs import read_log  # late: most sessions are folders
+    from session.base.questions import QuestionsError  # late, as most sessions are folders
+    from tinygc.library.logs import read_log
 
     try:
         return read_log(table).session()

@@ -38,7 +38,8 @@ def read_as(joined: Joined, answers: Answers, rate_hz: float) -> str:
     stamps = "time of day" if layout.clock else f"time in {_unit(layout.time_ns)}"
     time = "samples counted" if joined.counted else "time counted" if joined.even_sigma_ppm is not None else stamps
     units = [triad and (triad.unit.word if triad.unit.si else "registers") for triad in (layout.gyro, joined.accel_layout.accel)]
-    return f"read as: {time} ({rate_hz:g} Hz), gyro in {units[0]}, accelerometer in {units[1]}"
+    whose = f"{answers.sensor} at ±{answers.gyro_fs_dps:g} dps, " if answers.sensor and answers.gyro_fs_dps else ""
+    return f"read as: {whose}{time} ({rate_hz:g} Hz), gyro in {units[0]}, accelerometer in {units[1]}"
 
 
 def port_interpretation(name: str, layout: Layout, sensor: Sensor, rate: str) -> tuple[str, ...]:

@@ -243,7 +243,7 @@ def test_stamps_of_arrival_are_counted_evenly_unless_the_readings_went_along_wit
         lines = [line.format(clock(round(1e3 * at)), *row) for at, row in zip(arrived_s, rows, strict=True)]
         log.write_text("\n".join([f"{lines[0].split(' ->')[0]} -> MPU6050 Found!", *lines, ""]))
         made = convert([log], tmp_path / name, Answers())
-        assert made.read_as == f"read as: {stamps}, gyro in dps/65.5, accelerometer in g/8192"
+        assert made.read_as == f"read as: MPU-6050 at ±500 dps, {stamps}, gyro in dps/65.5, accelerometer in g/8192"
         sensor, samples = made.session.config.sensor, made.session.logs[0].samples
         assert (sensor.model, sensor.even_sigma_ppm is not None) == ("MPU-6050", name == "even")
         assert f"{log.name}: the sensor is MPU-6050, as a line without readings states" in made.notes

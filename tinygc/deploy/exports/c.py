@@ -18,7 +18,7 @@ def export(model: Model, context: Context) -> dict[str, str]:
     facts = {
         "session": context.session,
         "method": f"{context.method}, {chosen.parameters} parameters",
-        "sensor": f"{sensor.model} {sensor.serial}, {sensor.odr_hz:g} Hz",
+        "sensor": f"{sensor.model} {sensor.serial}".rstrip() + f", {sensor.odr_hz:g} Hz",
     }
     if model.made_for_hz:
         facts["denoiser"] = f"made for {model.made_for_hz:g} Hz, {1e3 * model.delay_s:.2f} ms late"

@@ -361,7 +361,7 @@ def test_noise_is_unusual_above_its_limit(name, prior, limit):
 
 def test_it_is_told_in_its_units():
     noise = noise_of([2.0 * DEG, 0.0, 0.5 * DEG])
-    assert noise.words == "it is noise.turn 2 deg; it is noise.bias_wander 0.5 deg"
+    assert noise.words == "it is noise.turn 2.0 deg; it is noise.bias_wander 0.50 deg"
     assert [(each["size"], each["sigma"]) for each in noise.to_json()[:2]] == [pytest.approx((2.0, 0.1)), (0.0, None)]
 
 

@@ -56,7 +56,7 @@ def test_export_takes_the_only_model_that_there_is(fitted, tmp_path, run):
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        ("fit RESTS", "the command temperature"),
+        ("fit RESTS", "or temperature reads them"),
         ("temperature EMPTY", "neither a rest log nor a log"),
         ("temperature RESTS OTHER", "sensor.serial is 'SIM-4'"),
         ("simulate --out EMPTY/s --rest-cycles 1 --rest-warm-c 200", "--rest-warm-c"),

@@ -100,7 +100,8 @@ def _board(args: Options) -> None:
     def announce() -> None:
         if not args.quiet and not is_standard_output(args.json):
             print(terminal.name, flush=True)
-        report("start record in another terminal; Ctrl-C ends the board")
+        place = "" if args.folder else f"; its latitude is {_options(args).latitude_deg:g}"
+        report(f"start record in another terminal{place}; Ctrl-C ends the board")
 
     with terminal, table or nullcontext():
         # Simulating takes seconds, for which a reader may wait; a folder may be refused, and the file of --config comes first.

@@ -385,36 +385,25 @@ def wirings() -> None:
             "Wires to the sensor below 15 cm. Switch the supply off before you plug.",
         ],
     )
-    wiring(
-        "wiring-esp32.svg",
-        "ESP32 and a sensor on I²C",
-        "ESP32 DevKit",
-        "IMU breakout (I²C)",
-        [
-            ("3V3", "VCC", RED, ""),
-            ("GND", "GND", BLACK, ""),
-            ("GPIO 21", "SDA", BLUE, f"{i2c} data"),
-            ("GPIO 22", "SCL", GREEN, f"{i2c} clock"),
-            ("3V3", "CS, if any", ORANGE, f"selects {i2c}"),
-            ("GND", "AD0 or SDO", BLACK, "the lower address"),
-        ],
-        ["USB to the computer. ESP32-S3 and -C3: SDA 8, SCL 9."],
-    )
-    wiring(
-        "wiring-rp2040.svg",
-        "RP2040 and a sensor on I²C",
-        "Raspberry Pi Pico",
-        "IMU breakout (I²C)",
-        [
-            ("3V3 (36)", "VCC", RED, ""),
-            ("GND (38)", "GND", BLACK, ""),
-            ("GP4 (6)", "SDA", BLUE, f"{i2c} data"),
-            ("GP5 (7)", "SCL", GREEN, f"{i2c} clock"),
-            ("3V3 (36)", "CS, if any", ORANGE, f"selects {i2c}"),
-            ("GND (38)", "AD0 or SDO", BLACK, "the lower address"),
-        ],
-        ["USB to the computer; its port takes any baud rate. In brackets: the pin's number on the Pico."],
-    )
+    breakouts = {  # supply, ground, SDA, SCL
+        "esp32": ("ESP32", "ESP32 DevKit", ("3V3", "GND", "GPIO 21", "GPIO 22"), "USB to the computer. ESP32-S3 and -C3: SDA 8, SCL 9."),
+        "rp2040": (
+            "RP2040",
+            "Raspberry Pi Pico",
+            ("3V3 (36)", "GND (38)", "GP4 (6)", "GP5 (7)"),
+            "USB to the computer; its port takes any baud rate. In brackets: the pin's number on the Pico.",
+        ),
+    }
+    for name, (chip, board, (supply, ground, sda, scl), note) in breakouts.items():
+        wires = [
+            (supply, "VCC", RED, ""),
+            (ground, "GND", BLACK, ""),
+            (sda, "SDA", BLUE, f"{i2c} data"),
+            (scl, "SCL", GREEN, f"{i2c} clock"),
+            (supply, "CS, if any", ORANGE, f"selects {i2c}"),
+            (ground, "AD0 or SDO", BLACK, "the lower address"),
+        ]
+        wiring(f"wiring-{name}.svg", f"{chip} and a sensor on {i2c}", board, f"IMU breakout ({i2c})", wires, [note])
 
 
 if __name__ == "__main__":

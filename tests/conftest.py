@@ -172,6 +172,14 @@ def write_session(folder: Path, samples: Samples, name: str = "log0001.csv", tom
     return folder
 
 
+def writable_copy(source: Path, folder: Path) -> Path:
+    """A copy of a session that may be changed, whatever the rights of its source."""
+    shutil.copytree(source, folder)
+    for path in (folder, *folder.rglob("*")):
+        path.chmod(0o755 if path.is_dir() else 0o644)
+    return folder
+
+
 # The estimation side: simulated sessions and segments made directly.
 
 

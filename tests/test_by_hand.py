@@ -1,10 +1,10 @@
 """What a person changes of a recording in session.toml: a turn left out, a still left out, a still's ends moved; and taken back."""
 
-import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import writable_copy
 
 from calibrate import main
 from session.base.errors import FormatError
@@ -25,11 +25,7 @@ OPTIONS = FitOptions(methods=("least_squares",))
 
 @pytest.fixture
 def folder(tmp_path):
-    shutil.copytree(SESSION, tmp_path / "s")
-    (tmp_path / "s").chmod(0o755)
-    for path in (tmp_path / "s").rglob("*"):
-        path.chmod(0o755 if path.is_dir() else 0o644)
-    return tmp_path / "s"
+    return writable_copy(SESSION, tmp_path / "s")
 
 
 @pytest.fixture(scope="module")

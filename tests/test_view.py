@@ -3,11 +3,11 @@
 import errno
 import json
 import re
-import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import writable_copy
 from processes import until
 
 from calibrate import main
@@ -102,10 +102,7 @@ def test_out_writes_one_file_that_loads_nothing(tmp_path, capsys):
 
 @pytest.fixture
 def viewer(tmp_path):
-    folder = tmp_path / "s"
-    shutil.copytree(SESSION, folder)
-    for path in (folder, *folder.rglob("*")):
-        path.chmod(0o755 if path.is_dir() else 0o644)
+    folder = writable_copy(SESSION, tmp_path / "s")
     server = PageServer()
     yield Viewer(Recording(read_session(folder)), server)
     server.server_close()

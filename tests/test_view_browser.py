@@ -1,11 +1,11 @@
 """``view`` in a real browser: nothing spills; zoom by wheel, drag, button and key; a click leaves out and takes back, an edge is dragged;
 a refit changes the closure."""
 
-import shutil
 from pathlib import Path
 
 import pytest
 from browser import Browser, browser_path
+from conftest import writable_copy
 from processes import until
 
 from session.bench.page.server import PageServer
@@ -37,10 +37,7 @@ def browser(tmp_path_factory):
 
 @pytest.fixture
 def viewer(tmp_path):
-    folder = tmp_path / "s"
-    shutil.copytree(SESSION, folder)
-    for path in (folder, *folder.rglob("*")):
-        path.chmod(0o755 if path.is_dir() else 0o644)
+    folder = writable_copy(SESSION, tmp_path / "s")
     server = PageServer(folder=FOLDER)
     server.start()
     running = Viewer(Recording(read_session(folder)), server)

@@ -253,8 +253,8 @@ def check_by_hand(session: Session) -> list[Finding]:
             there.append(row)
             continue
         where = "lies outside of it" if mine else "is no log of this session"
-        says, do = f"{row.log} at {row.at_s:g} s is left out, which {where}", "correct log and at_s (s of the log's clock), or remove it"
-        findings.append(Finding("warning", "session.toml", "exclude", says, do))
+        text, do = f"{row.log} at {row.at_s:g} s is left out, which {where}", "correct log and at_s (s of the log's clock), or remove it"
+        findings.append(Finding("warning", "session.toml", "exclude", text, do))
     return findings + ([Finding("ok", "session.toml", CHANGED, by_hand_words(there))] if there else [])
 
 

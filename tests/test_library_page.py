@@ -59,7 +59,7 @@ def test_the_notebook_runs_as_it_stands(tmp_path, monkeypatch, capsys):
     known: dict = {}
     for cell in cells("code"):
         exec(cell, known)
-    assert capsys.readouterr().out.startswith("PASS: held out")
+    assert capsys.readouterr().out.startswith("PASS: held-out turns close to ")
     assert (tmp_path / "report.html").read_text(encoding="utf-8").count("notebook") > 1
     assert {path.name for path in (tmp_path / "export").iterdir()} >= {"imu_calibration.yaml", "imu.yaml", "tinygc_model.h"}
     assert (tmp_path / "fit.png").read_bytes().startswith(b"\x89PNG")

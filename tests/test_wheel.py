@@ -95,7 +95,7 @@ def test_a_fresh_installation_calibrates_in_one_command(installed, tmp_path):
     (shown,) = (block for block in readme.split("```\n") if "\nPASS" in block)
     printed = [line.rstrip() for line in done.stdout.splitlines()]
     assert {line for line in shown.splitlines()[1:] if line != "…"} <= set(printed)
-    assert "  calibrate report tinygc-demo" in printed
+    assert "next: calibrate report tinygc-demo" in printed
     done = run([installed / "calibrate", "report", "tinygc-demo", "--no-explain", "--quiet"], cwd=tmp_path, env=CLEAN, capture_output=True)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "tinygc-demo" / "report.html").stat().st_size > 10_000

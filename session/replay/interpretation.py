@@ -68,7 +68,7 @@ def unit_source(layout: TableLayout, kind: str) -> str:
 def triad_text(layout: Layout, triad: Triad | None, source: str) -> str:
     """Three columns, their unit, and where it is from."""
     assert triad is not None  # ``join`` chose the files that have them
-    named = [re.sub(r"\s*[\[(][^\])]*[A-Za-z][^\])]*[\])]$", "", layout.name(column)) for column in triad.columns]
+    named = [re.sub(r"(?<!\s)\s*+[\[(][^\[\](A-Za-z)]*+[A-Za-z][^\[\]()]*+[\])]$", "", layout.name(column)) for column in triad.columns]
     columns = ", ".join(f"{'-' if sign < 0 else ''}{name}" for name, sign in zip(named, triad.signs, strict=True))
     if len(columns) > LONGEST and min(triad.signs) > 0 and np.diff(triad.columns).tolist() == [1, 1]:
         columns = f"{named[0]} to {named[2]}"

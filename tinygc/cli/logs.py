@@ -78,7 +78,7 @@ def _fill_in(folder: Path, latitude_deg: float | None, sensor: str | None) -> No
 
 
 #: as people write it: 48.1, -33,9, 31.03° N
-LATITUDE = re.compile(r"([NSns]?) *([+-]?[\d.,]+) *°? *([NSns]?)")
+LATITUDE = re.compile(r"([NSns]?) *+([+-]?[\d.,]++) *+°? *+([NSns]?)")
 
 
 def _at_terminal() -> bool:

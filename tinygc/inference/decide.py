@@ -49,8 +49,6 @@ KINDS = {
     BIAS: Kind("HOLDS WITH A NEW BIAS", "bold yellow", 1),
     FAILS: Kind("DOES NOT HOLD", "bold red", 1),
     UNDECIDED: Kind("UNDECIDED", "bold", 5),
-    "agrees": Kind("agrees"),
-    "differs": Kind("differs", exit_code=1),
     "common": Kind("common", "bold"),
     "own": Kind("own", "bold"),
     "common_and_own": Kind("common and own", "bold"),

@@ -478,13 +478,3 @@ def test_a_run_that_is_interrupted_goes_on(fleet, tmp_path):
     assert len(ran(fleet, out)[1]) == 2
     ran(fleet, tmp_path / "again")
     assert content(out) == content(tmp_path / "again")
-
-
-def test_a_scheduler_that_is_not_there_is_said(fleet, tmp_path, run, monkeypatch):
-    """Without a client, whose end would be waited for."""
-    distributed = pytest.importorskip("distributed", reason="the extra fleet is not installed")
-    monkeypatch.setattr("tinygc.features.fleet.fleet_run.PATIENCE_S", 0.1)
-    monkeypatch.setattr(distributed, "Client", None)
-    code, _, err = run("fleet", fleet, "--out", tmp_path, "--scheduler", "tcp://127.0.0.1:9")
-    assert code == 2
-    assert "no Dask scheduler answers" in err.splitlines()[-1]

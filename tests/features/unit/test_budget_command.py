@@ -8,7 +8,6 @@ from formats_page import strangers
 from processes import refused
 
 import tinygc
-from tinygc.inference.decide import KINDS
 
 
 @pytest.fixture(scope="module")
@@ -24,26 +23,17 @@ def fit(folder):
 
 def test_the_overview_the_files_and_the_json_which_sums_to_the_models_covariance(folder, fit, tmp_path, run):
     code, out, _ = run("budget", folder, "--out", tmp_path / "out", "--motion", "rest")
-    assert (code, [KINDS[answer].exit_code for answer in ("agrees", "differs", "undecided")]) == (0, [0, 1, 5])
+    assert code == 0
     for words in ("scale factor error x", "bias z", "attitude total", "60 s at rest", "written:"):
         assert words in out
     table, html = json.loads((tmp_path / "out" / "budget.json").read_text()), (tmp_path / "out" / "budget.html").read_text()
     assert not strangers(table)
     assert html.count('class="solid') > 50
     assert "not in U: one effect missing from the model" in html
-    assert table["monte_carlo"] is None
     for i, each in enumerate(table["budgets"][:12]):
         parts = [row["variance_si"] for row in each["sources"]]
         assert parts == [source.covariance[i, i] for source in fit.result.sources]
         assert functools.reduce(float.__add__, parts) == each["variance_si"] == fit.result.covariance[i, i]
-
-
-@pytest.mark.broad
-def test_draws_are_in_the_json_as_its_page_says(folder, run):
-    code, out, _ = run("budget", folder, "--monte-carlo", "3", "--of", "attitude_x", "--motion", "rest", "--json", "-")
-    drawn = json.loads(out)["monte_carlo"]
-    assert not strangers(json.loads(out))
-    assert (code, drawn["answer"], [each["name"] for each in drawn["quantities"]]) == (5, "undecided", ["attitude x"])
 
 
 @pytest.mark.parametrize(("words", "says"), [("--seconds -1", "--seconds"), ("--warmer nan", "--warmer")])

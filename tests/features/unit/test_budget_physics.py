@@ -6,20 +6,21 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from scipy.stats import chi2, norm, t
+from scipy.stats import norm, t
 
 import tinygc
-from session.base.errors import CalibrationError, FitError
+from session.base import rotation
+from session.base.errors import CalibrationError
 from session.base.units import DEG
 from session.detect.accelerometer import NAMES as NAMES_OF_FORCE
+from tinygc.closure.build import bias_shares
 from tinygc.closure.floor import GYRO_NOISE, UNKNOWN, BiasInstability
+from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.motion import at_rest
-from tinygc.closure.uncertainty import BIAS_DRIFT, EARTH
+from tinygc.closure.uncertainty import BIAS_DRIFT
 from tinygc.estimation.spread import USUAL, ZERO, Spread
-from tinygc.estimation.stated_noise import CALIBRATION, CLOCK, GRAVITY_LENGTH, MISFIT, ROUNDING, stated_response
-from tinygc.features.unit.budget import monte_carlo as draws
-from tinygc.features.unit.budget.library import budget_of_fit, cells_of
-from tinygc.features.unit.budget.monte_carlo import _coverage_of, _Redrawn
+from tinygc.estimation.stated_noise import CALIBRATION, CLOCK, GRAVITY_LENGTH, MISFIT, joint_response, stated_response
+from tinygc.features.unit.budget.library import cells_of
 from tinygc.features.unit.budget.quantities import (
     _DRIFT_OF_USE,
     _NOISE_OF_USE,
@@ -35,7 +36,6 @@ from tinygc.features.unit.budget.quantities import (
 )
 from tinygc.features.unit.options import BudgetOptions
 from tinygc.inference.noise import wander_covariance
-from tinygc.inference.solve import Source, total
 from tinygc.models.linear import BIAS, NAMES, field_jacobian
 
 RNG = np.random.default_rng(5)
@@ -119,6 +119,11 @@ def test_the_size_of_a_source_is_the_rms_of_its_parts_in_its_unit(fitted):
         assert sizes[name][0] == pytest.approx(5.0), name
 
 
+def with_a_clock(fitted, **sensor):
+    config = fitted.session.config
+    return fitted.problem.changed(session=replace(fitted.session, config=replace(config, sensor=replace(config.sensor, **sensor))))
+
+
 def test_sizes_that_are_given_are_in_the_units_of_who_gives_them(fitted):
     sizes = _source_sizes(fitted)
     assert (sizes[CALIBRATION], sizes[GRAVITY_LENGTH]) == ((pytest.approx(0.1), "mg"), (pytest.approx(2e4), "ppm"))
@@ -155,13 +160,14 @@ def test_what_is_known_besides_stands_beside_the_sum(fitted):
 
 def test_the_attitude_at_rest_by_hand(fitted):
     """After 60 s at rest: 60 s times the zero as calibrated, the root of 60 s times the white noise, and the drift's mean over 60 s."""
-    motion, found, own = use_budgets(fitted, BudgetOptions(motion="rest"))
+    use = BudgetOptions(motion="rest")
+    motion, found = use_budgets(fitted, use)
     axes, model = {each.name: each for each in found}, fitted.linear.model
     E, density = model.E, fitted.problem.noise.angle_random_walk
     slope = 60 * np.hstack([np.kron(np.eye(3), -np.linalg.solve(E, model.B)), np.eye(3)])
     of_parameters = sum(row.variance for row in axes["attitude y"].rows[: len(fitted.sources)])
     assert of_parameters == pytest.approx(slope[1] @ fitted.covariance @ slope[1], rel=1e-9)
-    sources = {source.name: source.covariance for source in own}
+    sources = {source.name: source.covariance for source in sources_in_use(fitted, use, motion).sources}
     assert_allclose(sources[_NOISE_OF_USE], 60 * E @ np.diag(density**2) @ E.T, rtol=1e-9)
     mean = wander_covariance(np.array([30.0]), 60.0, instability_rps=fitted.noise.noise.size("noise.bias_wander"))[0, 0]
     assert_allclose(np.diag(sources[_DRIFT_OF_USE]), 3600 * mean * np.diag(E @ E.T), rtol=0.02)
@@ -214,7 +220,9 @@ def test_another_switch_on_counts_twice_its_spread_and_a_temperature_as_assumed(
 @pytest.mark.parametrize("elapsed_s", [1.0, 1e6])
 def test_within_one_switch_on_the_drift_is_that_of_the_use_less_that_of_the_session(fitted, elapsed_s):
     """At rest: 60 s times the standard deviation of the mean of the use less that of the session, C00 + C11 - 2 C01, counted once."""
-    _, found, own = use_budgets(fitted, BudgetOptions(motion="rest", elapsed_s=elapsed_s))
+    use = BudgetOptions(motion="rest", elapsed_s=elapsed_s)
+    motion, found = use_budgets(fitted, use)
+    own = sources_in_use(fitted, use, motion).sources[len(fitted.sources) :]
     (row,) = (row for row in found[0].rows if "drift" in row.source)
     assert (row.source, [source.name for source in own]) == ("drift of the bias since the session", [_NOISE_OF_USE])
     problem, rps = fitted.problem, fitted.noise.noise.size("noise.bias_wander")
@@ -230,199 +238,88 @@ def test_a_drift_that_nobody_knows_is_said(fitted):
     problem.__dict__["instability"] = BiasInstability(0.0, UNKNOWN)
     sources = tuple(source for source in fitted.sources if source.name != BIAS_DRIFT)
     unknown = replace(fitted, noise=None, problem=problem, sources=sources)
-    _, (about_x, *_), _ = use_budgets(unknown, BudgetOptions(motion="rest", elapsed_s=10.0))
+    _, (about_x, *_) = use_budgets(unknown, BudgetOptions(motion="rest", elapsed_s=10.0))
     beside = {each.what: each for each in about_x.excluded}
     assert beside["drift of the bias since the session"].u is None
 
 
 def test_what_the_model_lacks_turns_each_axis_by_its_own_part_and_the_total_by_their_root_sum_square(fitted):
-    motion, found, _ = use_budgets(fitted, BudgetOptions(motion="rest"))
+    motion, found = use_budgets(fitted, BudgetOptions(motion="rest"))
     each = [next(one.u for one in made.excluded if one.what == "one effect missing from the model") for made in found]
     assert_allclose(each[:3], fitted.allowed.of(motion.slope(fitted.linear.linear)))
     assert each[3] == pytest.approx(np.linalg.norm(each[:3]))
 
 
-# Draws.
+# The sources through the real fit.
 
 
-def errors_of(redrawn, part, values):
-    """Errors of one part of the data alone."""
-    found = redrawn.nothing.copy()
-    found[getattr(redrawn, part)] = values
-    return found
+def refit(fitted, *, channels=None, known=None, reading=0.0, clock=0.0):
+    """(12,) least squares of the data with these errors: of the channels (n,), stacked as the noise has them; of what was known of
+    the accelerometer and gravity beforehand (k,), sigmas; of all readings (3,) rad/s; of all durations, as a share."""
+    problem, joint = fitted.problem, fitted.problem.joint
+    count, batch, rates = len(problem.batch), problem.batch, problem.still_rates
+    channels = np.zeros(len(fitted.noise.white)) if channels is None else channels
+    known = np.zeros(joint.beforehand.shape[1]) if known is None else known
+    moved = np.zeros(len(joint.system.x))
+    moved[joint.own] = joint_response(problem, joint) @ channels + joint.beforehand @ known
+    batch = joint.shifted(batch, moved)
+    rows = count * batch.angles
+    ends, still = np.zeros((count, 3)), channels[rows : rows + 3 * len(rates.rate)].reshape(-1, 3)
+    ends[:, : batch.angles] = channels[:rows].reshape(count, -1)
+    first, last, share = bias_shares(problem)
+    apart = still[first][:, None] * (1 - share[..., None]) + still[last][:, None] * share[..., None] - still.mean(axis=0)
+    batch = replace(
+        batch,
+        end=rotation.multiply(rotation.exp(-ends), batch.end),
+        rate=batch.rate + reading,
+        dt=batch.dt * (1 + clock),
+        earth=batch.earth + apart,
+    )
+    rest = problem.rest_rps + reading + np.linalg.solve(problem.first.E, still.mean(axis=0))
+    begin, how = fitted.linear.model, fitted.options.integrator
+    return fit_least_squares(batch, problem.floor.sigma, problem.first, integrator=how, rest_rps=rest, begin=begin).model.vector
 
 
-def moved_by(redrawn, errors, size):
-    """Derivative of the refitted parameters by errors of this size, both ways."""
-    return (redrawn.refit(errors * size) - redrawn.refit(errors * -size)) / (2 * size)
+def moved_by(fitted, size, **errors):
+    """Derivative of the refitted parameters by errors of one kind, both ways."""
+    ((kind, values),) = errors.items()
+    return (refit(fitted, **{kind: values * size}) - refit(fitted, **{kind: values * -size})) / (2 * size)
 
 
 def test_a_refit_moves_by_the_response_to_the_errors(fitted):
     """Errors of the channels, in every kind of row, through the actual fit: L y, to first order."""
-    redrawn, noise = _Redrawn(fitted, 1), fitted.noise
+    noise = fitted.noise
     L = stated_response(fitted.problem, fitted.linear.model, fitted.options.still_rates)
     sigma, stop, lengths = np.sqrt(np.diag(fitted.covariance)), noise.closure.stop, -len(noise.twin.stills)
     size = np.sqrt(np.diag(noise.white))
     for part in (slice(0, stop), slice(stop, lengths), slice(lengths, None)):
         y = np.zeros(len(size))
         y[part] = size[part] * RNG.normal(size=len(y[part]))
-        found, expected = moved_by(redrawn, errors_of(redrawn, "channels", y), 0.3), L @ y
+        found, expected = moved_by(fitted, 0.3, channels=y), L @ y
         assert_allclose(found / sigma, expected / sigma, atol=0.02 * max(1.0, np.abs(expected / sigma).max()))
 
 
 def test_a_refit_moves_by_what_was_wrong_before_the_session(fitted):
     """The accelerometer's given calibration and gravity, as the sources have them."""
-    redrawn = _Redrawn(fitted, 1)
     by_name = {source.name: source.covariance for source in fitted.sources}
-    scale, last = np.sqrt(np.outer(*[np.diag(fitted.covariance)] * 2)), len(redrawn.nothing[redrawn.known]) - 1
-    steps = np.array([moved_by(redrawn, errors_of(redrawn, "known", each), 1.0) for each in np.eye(last + 1)])
+    scale, last = np.sqrt(np.outer(*[np.diag(fitted.covariance)] * 2)), fitted.problem.joint.beforehand.shape[1] - 1
+    steps = np.array([moved_by(fitted, 1.0, known=each) for each in np.eye(last + 1)])
     for name, part in ((CALIBRATION, steps[:last]), (GRAVITY_LENGTH, steps[last:])):
         assert_allclose(part.T @ part / scale, by_name[name] / scale, atol=1e-4)
 
 
 def test_readings_and_clock_move_the_parameters_as_stated(fitted):
     """A reading e too large takes E e from B; durations longer by a share take it from E and B."""
-    redrawn, model, sigma = _Redrawn(fitted, 1), fitted.linear.model, np.sqrt(np.diag(fitted.covariance))
+    model, sigma = fitted.linear.model, np.sqrt(np.diag(fitted.covariance))
     e = np.array([1.0, -2.0, 0.5]) * 1e-4 * DEG
-    found = redrawn.refit(errors_of(redrawn, "reading", e)) - model.vector
+    found = refit(fitted, reading=e) - model.vector
     assert_allclose(found[BIAS], -model.E @ e, atol=1e-3 * sigma[9])
     assert_allclose(found[:9] / sigma[:9], 0, atol=1e-2)
-    found = redrawn.refit(errors_of(redrawn, "clock", 1e-3)) - model.vector
+    found = refit(fitted, clock=1e-3) - model.vector
     assert_allclose(found[:9], -1e-3 * model.vector[:9], atol=2e-5)
 
 
-def test_each_source_is_drawn_with_its_covariance(fitted):
-    """The covariance of the drawn errors, through the response, is the source's; the misfit is the inflation times the rest."""
-    result = replace(fitted, widened=3.0, sources=(*fitted.sources, Source(MISFIT, "A", 9.0, 2.0 * total(fitted.sources))))
-    redrawn, count = _Redrawn(result, 2), 600
-    L = stated_response(result.problem, result.linear.model, False)
-    by_name = {source.name: source for source in result.sources}
-    for name in (GYRO_NOISE, BIAS_DRIFT, EARTH, MISFIT):
-        y = np.array([redrawn.draw(by_name[name])[redrawn.channels] for _ in range(count)]) @ L.T
-        expected = by_name[name].covariance
-        if name == MISFIT:  # what was known before the session is drawn beside the channels
-            beside = [by_name[each].covariance for each in (CALIBRATION, GRAVITY_LENGTH, ROUNDING) if each in by_name]
-            expected = expected - 2.0 * sum(beside)
-        assert np.abs(np.mean(y**2, axis=0) / np.diag(expected) - 1).max() < 5 * np.sqrt(2 / count), name
-    is_length = np.arange(len(redrawn.nothing[redrawn.known])) == len(redrawn.nothing[redrawn.known]) - 1
-    for name, drawn in ((CALIBRATION, ~is_length), (GRAVITY_LENGTH, is_length)):
-        known = np.array([redrawn.draw(by_name[name])[redrawn.known] for _ in range(count)])
-        assert_allclose(np.mean(known**2, axis=0), drawn, atol=5 * np.sqrt(2 / count))
-
-
-def with_a_clock(fitted, **sensor):
-    config = fitted.session.config
-    return fitted.problem.changed(session=replace(fitted.session, config=replace(config, sensor=replace(config.sensor, **sensor))))
-
-
-def test_a_clock_and_rounding_are_drawn_with_their_sigmas(fitted):
-    redrawn, covariance = _Redrawn(replace(fitted, problem=with_a_clock(fitted, odr_sigma=0.01)), 2), np.zeros((12, 12))
-    clock = [redrawn.draw(Source(CLOCK, "B", np.inf, np.eye(12)))[redrawn.clock] for _ in range(600)]
-    assert np.std(clock) == pytest.approx(0.01, rel=0.08)
-    for diagonal in ([1.0, 4.0, 9.0], [0.0, 4.0, 0.0]):  # one axis alone may be coarse
-        covariance[BIAS, BIAS] = np.diag(diagonal) * 1e-10
-        drawn = np.array([redrawn.draw(Source(ROUNDING, "B", np.inf, covariance))[redrawn.reading] for _ in range(600)])
-        assert np.cov((drawn @ redrawn.model.E.T).T) == pytest.approx(covariance[BIAS, BIAS], abs=1e-10 * (diagonal[0] or 0.5))
-
-
-class Linear:
-    """A session whose fit moves by the errors that are drawn, times ``moves``, and does not converge at every ``fails``-th time."""
-
-    def __init__(self, result, moves=1.0, fails=10):
-        self.model, self.rng, self.moves, self.fails, self.tried = result.linear.model, np.random.default_rng(3), moves, fails, 0
-        self.nothing = np.zeros(12)
-        self.roots = {source.name: draws._root(source.covariance) for source in result.sources}
-
-    def draw(self, source):
-        root = self.roots[source.name]
-        return root @ self.rng.normal(size=root.shape[1])
-
-    def refit(self, errors):
-        self.tried += 1
-        if self.tried % self.fails == 0:
-            raise FitError("made")
-        return self.model.vector + self.moves * errors
-
-
-def test_draws_of_a_linear_fit_have_the_variances_of_the_budgets(fitted, monkeypatch):
-    motion, attitude, own = use_budgets(fitted, BudgetOptions(motion="rest", seconds=1.0))
-    errors = {each.name: each for each in sensor_error_budgets(fitted)}
-    budgets = [parameter_budgets(fitted)[1], errors["bias x"], errors["misalignment x to y"], *attitude[:3]]
-
-    def drawn(budgets=budgets, **how):
-        linear = Linear(fitted, **how)
-        monkeypatch.setattr(draws, "_Redrawn", lambda *_: linear)
-        return draws.monte_carlo(fitted, motion, own, budgets, 400, 7, lambda *_: None), linear.tried
-
-    found, tried = drawn()
-    assert (found.draws, found.draws_by_source, found.failed) == (400, 80, tried // 10)
-    for each, budget in zip(found.quantities, budgets, strict=True):
-        assert (each.name, each.unit, each.u) == (budget.name, budget.unit, budget.u)
-        assert each.drawn_u == pytest.approx(each.u, rel=0.18)
-        assert found.coverage[each.name] == pytest.approx(0.95, abs=0.03)
-    assert found.answer == "agrees"
-    assert found.sigmas_by_chance == pytest.approx(norm.isf(0.005 / len(found.sources)))
-    assert max(abs(each.sigmas) for each in found.sources) == abs(found.farthest.sigmas) < found.sigmas_by_chance
-    first, *others = found.quantities
-    for part, answer in (({"apart": 2 * first.tolerance, "digits": 1}, "differs"), ({"digits": 0}, "undecided")):
-        assert replace(found, quantities=(*others, replace(first, **part))).answer == answer
-    assert replace(found, sigmas_by_chance=0.0).answer == "differs"
-    assert drawn(budgets[:1], fails=2)[0].draws > 390  # half of them is enough
-    wide, _ = drawn(budgets[:1], moves=1.5)
-    assert (wide.answer, wide.farthest.ratio) == ("differs", pytest.approx(2.25, rel=0.5))
-    with pytest.raises(CalibrationError, match="no fit of the drawn data converged"):
-        drawn(budgets[:1], fails=1)
-    monkeypatch.setattr(draws, "_quantity_check", lambda *_: replace(first, digits=2))
-    assert drawn(budgets[:1])[0].draws == 180  # stable at the first look, of 200 of which a tenth failed
-
-
-def test_the_sigmas_of_a_ratio_are_those_of_chi_square():
-    source = Source("one", "A", 9.0, np.eye(12))
-    moved = np.sqrt(np.full((200, 12), chi2.ppf(norm.cdf(2.0), 200) / 200))
-    checks = list(draws._source_checks(source, moved, np.eye(12)))
-    assert [each.parameter for each in checks] == list(NAMES)
-    assert [each.sigmas for each in checks] == pytest.approx([2.0] * 12, abs=0.01)
-    small = Source("one", "A", 9.0, np.eye(12) * 0.009)
-    assert not list(draws._source_checks(small, moved, np.eye(12)))
-
-
-def normal(count, sigma):
-    return sigma * norm.ppf((np.arange(count) + 0.5) / count)
-
-
-def test_an_interval_agrees_to_as_many_digits_as_the_draws_are_stable():
-    made = budget((0.0125**2, np.inf))
-    # The variance of a quantile (Kendall), and half a unit of the last digit of 0.0125 as a share of it
-    one, two = (int(0.975 * 0.025 * (2 / norm.pdf(norm.ppf(0.975)) / share) ** 2) for share in (0.4, 0.04))
-    rows = ((one, 0, "undecided", None), (one + 1, 1, "agrees", 0.005), (two, 1, "agrees", 0.005), (two + 1, 2, "agrees", 0.0005))
-    for count, digits, answer, tolerance in rows:
-        found = draws._quantity_check(made, normal(count, 0.0125))
-        assert (found.digits, found.answer) == (digits, answer)
-        assert tolerance is None or found.tolerance == pytest.approx(tolerance)
-    assert found.half == pytest.approx(1.96 * 0.0125, rel=1e-3)
-    wide = draws._quantity_check(made, normal(40_000, 0.0129))
-    assert (wide.answer, wide.apart) == ("differs", pytest.approx(1.96 * 0.0004, rel=0.02))
-    assert draws._quantity_check(made, normal(40_000, 0.0125) + 0.0006).answer == "differs"  # a shift is a difference
-    # the digits are those of the unit that is shown: 0.716 degrees
-    assert draws._quantity_check(replace(made, si=DEG), normal(40_000, 0.0125)).tolerance == pytest.approx(0.05 * DEG)
-
-
-def test_the_factor_covers_what_it_says():
-    """One variance with 1 or 5 degrees of freedom: exactly 95 % (Student); known ones likewise; of two, nearly (Welch–Satterthwaite)."""
-    rng = np.random.default_rng(1)
-    one, known = [((1.0, nu),) for nu in (1.0, 5.0)], ((1.0, np.inf), (2.0, np.inf))
-    for rows, within in (*((each, 0.004) for each in (*one, known)), (((1.0, 5.0), (1.0, 9.0)), 0.01)):
-        assert _coverage_of(budget(*rows), rng, 60_000) == pytest.approx(0.95, abs=within)
-
-
-def test_what_cannot_be_drawn_or_used_is_refused(fitted):
-    with pytest.raises(CalibrationError, match="cannot be drawn"):
-        _Redrawn(replace(fitted, noise=None), 0)
-    other = replace(fitted.linear, model=fitted.linear.model.with_bias_moved(np.full(3, 0.1 * DEG)))
-    with pytest.raises(CalibrationError, match="made again"):
-        _Redrawn(replace(fitted, linear=other), 0)
-    with pytest.raises(CalibrationError, match="--elapsed"):
-        budget_of_fit(fitted, BudgetOptions(motion="rest", elapsed_s=10.0, monte_carlo=1))
+def test_a_use_without_a_length_is_refused():
     for seconds in (1e9, 0.0, float("nan")):
         with pytest.raises(CalibrationError, match="seconds"):
             BudgetOptions(motion="rest", seconds=seconds)

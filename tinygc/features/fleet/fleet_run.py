@@ -1,10 +1,8 @@
-"""Distribute the sessions without a result to local processes or a cluster, and store the results."""
+"""Distribute the sessions without a result to processes, and store the results."""
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
-import logging
 import os
 import re
 import signal
@@ -16,12 +14,10 @@ from multiprocessing import get_context
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
-from queue import Empty, SimpleQueue
 from time import monotonic
-from typing import Any
 
 from session.base.errors import CalibrationError
-from session.base.texts import install_line, printable
+from session.base.texts import printable
 from tinygc.features.fleet.fleet_row import DIED, DONE, FleetOptions, Job, Outcome, compute, empty, key_of
 from tinygc.features.fleet.fleet_table import WATCH_S, FleetTable
 
@@ -82,14 +78,10 @@ def listed_folders(lines: Iterable[str]) -> Iterator[Path]:
             yield Path(name)
 
 
-# Processes and clusters: each runs ``capacity`` jobs at a time, so that no worker waits.
+# Processes of this machine with one job at a time, so that the death of a process is attributed to its session.
 
 #: a finished job and its outcome; or how its process died
 Finished = tuple[Job, Outcome | str]
-
-
-# Processes of this machine with one job at a time, so that the death of a process is attributed to its session.
-
 READY = "ready"
 #: queued jobs per running job, so that the next one starts at once
 AHEAD = 1
@@ -232,117 +224,6 @@ def _serve(pipe: Connection) -> None:
         os._exit(NO_MEMORY)
 
 
-# Dask cluster: its scheduler sends the same jobs to workers on other machines, which see the session folders under the same paths.
-
-#: jobs in progress for each thread of the cluster, so that none is idle
-CLUSTER_AHEAD = 2
-#: s between two counts of the workers, whose number may change
-OFTEN_S = 2.0
-#: s, timeout of a scheduler's answer
-PATIENCE_S = 30
-#: s without a connection after which a scheduler has gone: a restart of its network is shorter
-GONE_S = 5.0
-
-
-class Cluster:
-    """Workers of a scheduler.  Raises CalibrationError where the package is missing, or no scheduler answers.
-
-    A job whose worker dies is retried by the scheduler (``distributed.scheduler.allowed-failures`` times), and then returned as died.
-    """
-
-    def __init__(self, address: str):
-        try:
-            import distributed
-        except ImportError:
-            install = install_line("fleet", "distributed>=2024.5")
-            raise CalibrationError(f"--scheduler needs the package distributed: {install}") from None
-        self._distributed, self._address, self._seen_s = distributed, address, monotonic()
-        for name in logging.root.manager.loggerDict:
-            if name.split(".")[0] == "distributed":  # what it would log, the run reports in one line
-                logging.getLogger(name).setLevel(logging.CRITICAL)
-        try:
-            asyncio.run(self._is_there())  # a client that cannot be started waits and complains when it is collected
-            self._client = distributed.Client(address, timeout=PATIENCE_S, set_as_default=False)
-        except (OSError, TypeError, ValueError, TimeoutError) as error:  # TypeError: tls:// without its files
-            why = str(error).splitlines()[0] if str(error) else type(error).__name__
-            raise CalibrationError(
-                f"--scheduler {address}: no Dask scheduler answers ({why}); give its address, such as tcp://host:8786"
-            ) from None
-        self._jobs: dict[Any, Job] = {}
-        self._over: SimpleQueue[Any] = SimpleQueue()  # filled by the client's own thread
-        self._threads, self._asked_s = 0, float("-inf")
-
-    async def _is_there(self) -> None:
-        secured = self._distributed.Security().get_connection_args("client")
-        await (await self._distributed.comm.connect(self._address, timeout=PATIENCE_S, **secured)).close()
-
-    @property
-    def capacity(self) -> int:
-        """Return the capacity of the current workers; one without any, which waits for the first."""
-        if monotonic() - self._asked_s > OFTEN_S:
-            with self._answers():
-                self._threads, self._asked_s = sum(self._client.nthreads().values()), monotonic()
-        return max(CLUSTER_AHEAD * self._threads, 1)
-
-    def submit(self, job: Job) -> None:
-        """Send the job to a worker chosen by the scheduler."""
-        with self._answers():
-            future = self._client.submit(compute, job, pure=False)
-        self._jobs[future] = job
-        future.add_done_callback(self._over.put)
-
-    def finished(self) -> list[Finished]:
-        """Wait until a job has finished, or for ``WATCH_S``.  Raises CalibrationError where the scheduler has gone."""
-        if self._client.status == "running":
-            self._seen_s = monotonic()
-        elif monotonic() - self._seen_s > GONE_S:
-            raise self._gone()
-        try:
-            over = [self._over.get(timeout=WATCH_S)]
-        except Empty:
-            return []
-        while not self._over.empty():
-            over.append(self._over.get())
-        return [self._ended(future) for future in over]
-
-    def close(self) -> None:
-        """Cancel the jobs in progress; the cluster stays up."""
-        with contextlib.suppress(Exception):  # a stopped scheduler has no jobs in progress
-            self._client.cancel(list(self._jobs), force=True)
-        self._jobs.clear()
-        with contextlib.suppress(Exception):
-            self._client.close()
-
-    def _gone(self) -> CalibrationError:
-        return CalibrationError(
-            f"--scheduler {self._address}: the scheduler has gone; start it and run again with its address, what is finished is kept"
-        )
-
-    @contextlib.contextmanager
-    def _answers(self) -> Iterator[None]:
-        try:
-            yield
-        except (OSError, RuntimeError, TimeoutError, self._distributed.CancelledError):
-            raise self._gone() from None
-
-    def _ended(self, future: Any) -> Finished:
-        job = self._jobs.pop(future)
-        try:
-            return job, future.result()
-        except self._distributed.KilledWorker:
-            return job, "on workers that ended"
-        except self._distributed.CancelledError:
-            raise self._gone() from None
-        except (ImportError, AttributeError) as error:
-            raise CalibrationError(f"a worker cannot run TinyGC ({error}); install the same version there") from None
-        except CalibrationError:
-            raise
-        except MemoryError:
-            return job, "memory was short"
-        except Exception as error:
-            return job, f"{type(error).__name__}: {error}"
-
-
 # Run of a fleet: distribute the sessions without a result and store the results, with only a few folders in memory at a time.
 
 #: attempts of a session whose process dies; another session may have caused the first death, as with short memory
@@ -352,9 +233,7 @@ ATTEMPTS = 2
 class FleetRun:
     """A run, with its counts of folders: done and failed now; reused: known before, by this or another folder."""
 
-    def __init__(
-        self, table: FleetTable, executor: Processes | Cluster, options: FleetOptions, retry: bool, progress: Callable[[FleetRun], None]
-    ):
+    def __init__(self, table: FleetTable, executor: Processes, options: FleetOptions, retry: bool, progress: Callable[[FleetRun], None]):
         self._table, self._executor, self._options, self._retry = table, executor, options, retry
         self._progress, self._pending, self._ends = progress, dict[str, list[Path]](), dict[str, int]()
         self.done = self.failed = self.reused = 0
@@ -428,7 +307,7 @@ class FleetRun:
 def run_fleet(
     folders: Iterable[Path],
     table: FleetTable,
-    executor: Processes | Cluster,
+    executor: Processes,
     options: FleetOptions,
     *,
     retry: bool = False,

@@ -13,7 +13,7 @@ from session.base.files import result_folder
 from session.base.options import values
 from session.base.results import write_text_whole
 from tinygc.features.fleet.fleet_row import FleetOptions
-from tinygc.features.fleet.fleet_run import Cluster, FleetRun, Processes, run_fleet, session_folders
+from tinygc.features.fleet.fleet_run import FleetRun, Processes, run_fleet, session_folders
 from tinygc.features.fleet.fleet_summary import Summary, fleet_facts, fleet_html, summarise, to_check
 from tinygc.features.fleet.fleet_table import open_table, read_table
 from tinygc.features.fleet.report import LotReport, lot_chapter, lot_if_any, lot_of_table, noise_chapters, unit_noises
@@ -66,9 +66,9 @@ def compute(
     effects: Iterable[Path | str],  # a worker may have another working directory
     progress: Callable[[FleetRun], None],
 ) -> FleetRun:
-    """Compute the sessions that are not in the table in ``out``, in processes (one for each core) or on the cluster of a scheduler."""
+    """Compute the sessions that are not in the table in ``out``, in processes (one for each core)."""
     with open_table(out) as table:
-        executor = Cluster(options.scheduler) if options.scheduler else Processes(options.jobs or cores())
+        executor = Processes(options.jobs or cores())
         try:
             how = FleetOptions(**values(options, Run), effects=tuple(map(os.path.abspath, effects)))
             return run_fleet(folders, table, executor, how, retry=options.retry, progress=progress)

@@ -18,9 +18,6 @@ class Run(Seed, Earth):
     steps: tuple[str, ...] = option(STEPS, "do these steps alone", some=STEPS, metavar=",".join(STEPS), flags=("--only",), rare=True)
     accelerometer: str = option("auto", "as of fit", choices=ACCELEROMETERS, rare=True)
     jobs: int | None = option(None, "processes (one for each core)", least=1, most=1024, rare=True)
-    scheduler: str | None = option(
-        None, "compute on the Dask cluster of this scheduler instead (tcp://host:8786)", metavar="ADDRESS", rare=True
-    )
     retry: bool = option(False, "compute again what has failed before", rare=True)
     limit_deg: float | None = option(
         None, "exit 1 if a session fails by this limit, as in fit --limit", unit="deg", above=0, flags=("--limit",)

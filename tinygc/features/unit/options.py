@@ -10,7 +10,7 @@ from typing import Any
 from session.base.options import Record, documented, file_written, option
 from tinygc.cli.arguments import OWN_PLACE, duration
 from tinygc.cli.options import Stream
-from tinygc.estimation.options import Earth, Seed
+from tinygc.estimation.options import Earth
 
 # Whether a calibration holds: verify and watch.
 
@@ -110,7 +110,7 @@ MOST_S = 86400
 
 
 @dataclass(frozen=True)
-class BudgetOptions(Seed):
+class BudgetOptions(Record):
     """How a calibration is used, and which budgets are printed."""
 
     motion: Path | None = option(
@@ -144,12 +144,6 @@ class BudgetOptions(Seed):
         metavar="NAME",
         read=str,
         repeated=True,
-    )
-    monte_carlo: int = option(
-        0,
-        "check by draws of all errors, at most so many, fitted each time (JCGM 101); exit 1 if they differ, 5 if too few",
-        least=0,
-        rare=True,
     )
 
 

@@ -24,7 +24,6 @@ class Options(BudgetOptions, FitOptions, Command):
 def run(args: Options) -> int:
     """Fit the session, and print the budget of its quantities."""
     from tinygc.features.unit.budget.library import FILE, PAGE, budget
-    from tinygc.inference.decide import KINDS
     from tinygc.reporting.terminal import progress_bar
 
     try_destinations(args.out, args.json)
@@ -35,4 +34,4 @@ def run(args: Options) -> int:
         found.save(args.out)
         output(args).print(f"written: {args.out / FILE}, {args.out / PAGE}")
     write_json(args.json, found.to_json())
-    return 0 if found.drawn is None else KINDS[found.drawn.answer].exit_code
+    return 0

@@ -19,7 +19,6 @@ from session.base.texts import NONE, command_line, measured, printable, signific
 from session.log.folder import Session
 from tinygc.estimation.options import FitOptions
 from tinygc.explanation.reported import ReportData
-from tinygc.features.unit.budget.monte_carlo import MonteCarlo, monte_carlo
 from tinygc.features.unit.budget.quantities import (
     AS_USUAL,
     SHOWN,
@@ -63,7 +62,6 @@ class UncertaintyBudget(Kept):
     seconds: float
     when: str
     chosen: tuple[Budget, ...] = ()
-    drawn: MonteCarlo | None = None
 
     def __repr__(self) -> str:
         return f"<UncertaintyBudget of {self.name}: {len(self.parameters[0].rows)} sources>"
@@ -86,12 +84,11 @@ class UncertaintyBudget(Kept):
     @property
     def page(self) -> Group:
         """The command's output, as a rich renderable."""
-        drawn: list[Part] = [] if self.drawn is None else drawn_page(self.drawn)
         if self.chosen:
-            return screen([*drawn, *(part for each in self.chosen for part in whole(each))])
+            return screen([part for each in self.chosen for part in whole(each)])
         errors = overview("Sensor errors, U of 95 %, the bias of this switch-on", self.errors)
         attitude = overview(f"Attitude error after {self.motion}, U of 95 %", self.attitude)
-        return screen([*drawn, *self.headline, errors, attitude, "next: --of NAME shows all sources of one; --out DIR, a page of all"])
+        return screen([*self.headline, errors, attitude, "next: --of NAME shows all sources of one; --out DIR, a page of all"])
 
     @property
     def headline(self) -> list[str]:
@@ -111,7 +108,6 @@ class UncertaintyBudget(Kept):
                 "session": self.name,
                 "motion": f"{self.motion}, {self.when}",
                 "budgets": [each.to_json() for each in (self.chosen or self.budgets)],
-                "monte_carlo": None if self.drawn is None else self.drawn.to_json(),
             }
         )
 
@@ -128,8 +124,6 @@ class UncertaintyBudget(Kept):
         ]
         if self.accelerometer:
             sections.append(("accelerometer", "Accelerometer", [overview("", self.accelerometer)]))
-        if self.drawn is not None:
-            sections.append(("draws", "Monte Carlo (JCGM 101)", drawn_page(self.drawn)))
         sections.append(("tables", "Budgets", [part for each in self.shown for part in whole(each)]))
         foot = (
             "U = k u with 95 % coverage, of a total at least; k by the effective degrees of freedom (Welch–Satterthwaite, GUM G.4). "
@@ -138,14 +132,9 @@ class UncertaintyBudget(Kept):
         return facts.page("Uncertainty budget", self.name, sections, foot)
 
 
-def budget_of_fit(result: FitResult, use: BudgetOptions, progress: Progress = no_report) -> UncertaintyBudget:
-    """The budget of a fit.
-
-    Raises CalibrationError for a name that is none, for a motion that cannot be read, and for draws of a fit whose errors cannot be drawn.
-    """
-    if use.monte_carlo and use.elapsed_s is not None:
-        raise CalibrationError("--monte-carlo: the drift of session and use is not drawn as one; leave --elapsed out, or the draws")
-    motion, attitude, in_use = use_budgets(result, use)
+def budget_of_fit(result: FitResult, use: BudgetOptions) -> UncertaintyBudget:
+    """The budget of a fit.  Raises CalibrationError for a name that is none, and for a motion that cannot be read."""
+    motion, attitude = use_budgets(result, use)
     when = "at another switch-on" if use.elapsed_s is None else "for this switch-on only"
     force = tuple(accelerometer_budgets(result))
     parameters, errors = tuple(parameter_budgets(result)), tuple(sensor_error_budgets(result))
@@ -156,12 +145,7 @@ def budget_of_fit(result: FitResult, use: BudgetOptions, progress: Progress = no
             known = ", ".join(each.name.replace(" ", "_") for each in made.budgets)
             raise CalibrationError(f"--of {printable(name)[:60]!r}: no such quantity; give one of {known}")
         chosen.append(found)
-    made = replace(made, chosen=tuple(chosen))
-    if not use.monte_carlo:
-        return made
-    drawn = [each for each in made.chosen if each not in made.accelerometer] or made.shown  # draws fit the gyroscope alone
-    checked = [each for each in drawn if each.name != TOTAL] or [each for each in attitude if each.name != TOTAL]
-    return replace(made, drawn=monte_carlo(result, motion, in_use, checked, use.monte_carlo, use.seed, progress))
+    return replace(made, chosen=tuple(chosen))
 
 
 @public(BudgetOptions, FitOptions)
@@ -179,7 +163,7 @@ def budget(session: Session | Path | str, *, progress: Progress | None = None, *
     -------
     UncertaintyBudget
         ``parameters``, ``sensor_errors`` and ``attitude``: a ``Budget`` of each quantity with ``rows``, ``u``, ``freedom``, ``k``,
-        ``expanded``, ``excluded``; ``drawn``; ``summary()``, ``html()``, ``to_json()``, ``save(folder)``.
+        ``expanded``, ``excluded``; ``summary()``, ``html()``, ``to_json()``, ``save(folder)``.
 
     Raises
     ------
@@ -199,7 +183,7 @@ def budget(session: Session | Path | str, *, progress: Progress | None = None, *
     use, options = records({"methods": ("least_squares",)} | choices, BudgetOptions, FitOptions)
     report = progress or no_report
     found = session.result if is_fit(session) else fit_session(session_or_folder(session), options, report)  # type: ignore[union-attr]
-    return budget_of_fit(found, use, report)
+    return budget_of_fit(found, use)
 
 
 # What people see.
@@ -322,24 +306,6 @@ def excluded_words(budget: Budget) -> list[str]:
     unit, si = budget.shown_unit
     amounts = [f" ({each.why})" if each.u is None else f", {with_unit(significant(each.u / si, 2), unit)}" for each in budget.excluded]
     return [printable(f"not in U: {each.what}{amount}") for each, amount in zip(budget.excluded, amounts, strict=True)]
-
-
-def drawn_page(drawn: MonteCarlo) -> list[Part]:
-    """What the draws show of the budgets."""
-    rows = []
-    for each in drawn.quantities:
-        si = 1e-6 if each.unit == "1" else each.si
-        sizes = [significant(value / si) for value in (each.u, each.drawn_u, each.apart, each.tolerance)]
-        rows.append([each.name, "ppm" if each.unit == "1" else each.unit, *sizes, each.answer])
-    table = Table("", ("", "unit", "u", "drawn", "apart", "allowed", ""), rows, left=(0, 1, 6))
-    return [f"Monte Carlo {drawn.words}", table, *source_words(drawn)]
-
-
-def source_words(drawn: MonteCarlo) -> list[str]:
-    """The variance by source that is farthest from the budget's, and what chance allows."""
-    far, limit = drawn.farthest, f"limit {drawn.sigmas_by_chance:.1f}"
-    failed = [f"{drawn.failed} fits did not converge."] if drawn.failed else []
-    return [f"Farthest: {far.parameter} by {far.source}, {far.sigmas:+.1f} sigmas ({limit})", *failed]
 
 
 # A printed column adds up to its printed sum: the last digits are shared out by the largest remainders.

@@ -224,16 +224,15 @@ def accelerometer_budgets(result: FitResult) -> list[Budget]:
     return budgets
 
 
-def use_budgets(result: FitResult, use: BudgetOptions) -> tuple[Motion, list[Budget], list[Source]]:
-    """Of the attitude after a motion, about each axis of the start, and of the total angle; and the sources (3, 3) that are the use's own.
-    Raises CalibrationError for its log."""
+def use_budgets(result: FitResult, use: BudgetOptions) -> tuple[Motion, list[Budget]]:
+    """Of the attitude after a motion, about each axis of the start, and of the total angle.  Raises CalibrationError for its log."""
     motion = motion_in(use, result)
     sources, more, assumed = sources_in_use(result, use, motion)
     sizes, slope = _source_sizes(result) | more, motion.slope(result.linear.linear)
     found = []
     for name, of in zip((*ATTITUDE, TOTAL), (*np.eye(3)[:, None], np.eye(3)), strict=True):
         found.append(budget_of(name, "°", DEG, None, sources, of, sizes, _excluded_of_use(result, use, of @ slope, assumed)))
-    return motion, found, sources[len(result.sources) :]
+    return motion, found
 
 
 # What moves a quantity and is not in its sum.

@@ -93,7 +93,7 @@ def test_a_board_names_its_port_before_it_simulates_and_ends_quietly(tmp_path):
     with started(command, stdout=PIPE, stderr=PIPE, text=True) as process:
         assert process.stdout.readline() == f"{tmp_path / 'port'}\n"
         assert (tmp_path / "port").is_symlink()
-        assert process.stderr.readline() == "start record in another terminal; its latitude is 31.03; Ctrl-C ends the board\n"
+        assert process.stderr.readline() == "start record in another terminal; Ctrl-C ends the board\n"
         process.send_signal(signal.SIGINT)
         _, more = process.communicate()
     assert (process.returncode, more) == (0, "")

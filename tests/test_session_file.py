@@ -4,6 +4,7 @@ import contextlib
 import inspect
 import os
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ import pytest
 from session.bench.clocks import ClockRatio
 from session.bench.events import Info
 from session.bench.session_file import SessionFile, toml_text
-from session.log.config import read_config
+from session.log.config import Site, read_config
 from tinygc import CalibrationError
 
 INFO = Info(500.0, 4.0, 425.98, 'S/N "7"\\')
@@ -34,8 +35,8 @@ still_s = 1.5
 """
 
 
-def file_of(folder, like=None, odr_hz=None, gyro_fs_dps=None, accel_fs_g=None) -> SessionFile:
-    return SessionFile(folder, like, odr_hz, gyro_fs_dps, accel_fs_g)
+def file_of(folder, like=None, odr_hz=None, gyro_fs_dps=None, accel_fs_g=None, bench=None) -> SessionFile:
+    return SessionFile(folder, like, odr_hz, gyro_fs_dps, accel_fs_g, bench=bench)
 
 
 def test_the_boards_clock_is_written_with_its_sigma_and_joined_with_an_earlier_part(tmp_path):
@@ -53,6 +54,12 @@ def test_the_boards_clock_is_written_with_its_sigma_and_joined_with_an_earlier_p
     (tmp_path / "session.toml").write_text(OWN.replace("odr_hz", "clock_sigma_ppm = 5\nodr_hz"))
     assert "has its own clock_sigma_ppm, 5" in file_of(tmp_path).measured(ClockRatio(1.0045, 40e-6, 60.0))
     assert read_config(tmp_path / "session.toml").sensor.clock_ratio is None
+
+
+def test_the_site_is_where_the_operator_or_else_the_board_states_it(tmp_path):
+    info = replace(INFO, latitude_deg=-33.9)
+    assert file_of(tmp_path / "board").configure(info).site == Site(-33.9)
+    assert file_of(tmp_path / "operator", bench=Site(48.1, 9.81)).configure(info).site == Site(48.1, 9.81)
 
 
 def test_like_lends_accelerometer_site_and_protocol(tmp_path):

@@ -340,7 +340,8 @@ UNITS = RegisterUnits("ASM330LHH", 500, 4)
 HEADER = "t_us,gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g,temp_c"
 
 
-COMMENT = b"# gyro_fs_dps=500 accel_fs_g=4 odr_hz=1666.5 serial=77 sensor=MPU-9250\n"
+BOARD = Info(500, 4, 1666.5, "77", "MPU-9250", -33.9)
+COMMENT = f"# {BOARD.text}\n".encode()
 
 
 def values_of(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
@@ -373,7 +374,7 @@ def test_what_is_sent_is_what_the_log_holds(header, time, columns, tmp_path):
     found_us, found = samples(events)
     assert_array_equal(found_us, t_us)
     assert_array_equal(found, values)
-    assert (decoder.garbage, decoder.lost, decoder.info) == (0, 0, Info(500, 4, 1666.5, "77", "MPU-9250"))
+    assert (decoder.garbage, decoder.lost, decoder.info) == (0, 0, BOARD)
     writer = LogWriter(tmp_path)
     writer.write(events)
     writer.close()

@@ -143,7 +143,10 @@ def joined_chunk(chunks: Sequence[SampleChunk]) -> SampleChunk:
 
 @dataclass(frozen=True)
 class Info:
-    """The board's ranges and identity.  odr_hz is the true rate; serial is text, in frames a decimal number; sensor: model, or empty."""
+    """The board's ranges and identity.  odr_hz is the true rate; serial is text, in frames a decimal number; sensor: model, or empty.
+
+    latitude_deg: of a board that knows where it is.
+    """
 
     kind = "info"
     gyro_fs_dps: float
@@ -151,12 +154,14 @@ class Info:
     odr_hz: float
     serial: str
     sensor: str = ""
+    latitude_deg: float | None = None
 
     @property
     def text(self) -> str:
         """As a log's comment, without the ``#``."""
         ranges = f"gyro_fs_dps={self.gyro_fs_dps:g} accel_fs_g={self.accel_fs_g:g} odr_hz={self.odr_hz:.4f} serial={self.serial}"
-        return ranges + (f" sensor={self.sensor}" if self.sensor else "")
+        place = "" if self.latitude_deg is None else f" latitude_deg={self.latitude_deg:g}"
+        return ranges + (f" sensor={self.sensor}" if self.sensor else "") + place
 
 
 STANDIN, SENSOR = 0, 1

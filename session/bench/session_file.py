@@ -129,7 +129,10 @@ class SessionFile:
             sensor = None if physical is None or awaited else self._sensor(info, waited_s, physical, board)
             if sensor is None:
                 return None
-            known = self._like or Config(sensor, Accelerometer(source="none"), self._bench, Protocol())
+            bench = self._bench
+            if info is not None and bench.latitude_deg is None:
+                bench = replace(bench, latitude_deg=info.latitude_deg)
+            known = self._like or Config(sensor, Accelerometer(source="none"), bench, Protocol())
             accelerometer = replace(known.accelerometer, own_stills=None)  # which are of one session alone, as its notes and limits
             config = Config(sensor, accelerometer, known.site, known.protocol)
             self._write(config, bool(physical))

@@ -102,9 +102,11 @@ def parse_info(comment: str) -> Info | None:
     pairs = dict(_PAIR.findall(comment))
     try:
         gyro, accel, odr = numbers = [float(pairs[name]) for name in ("gyro_fs_dps", "accel_fs_g", "odr_hz")]
+        latitude = float(pairs["latitude_deg"]) if "latitude_deg" in pairs else None
     except (KeyError, ValueError):
         return None
-    return Info(gyro, accel, odr, pairs.get("serial", ""), pairs.get("sensor", "")) if all(0 < number < 1e6 for number in numbers) else None
+    sound = all(0 < number < 1e6 for number in numbers)
+    return Info(gyro, accel, odr, pairs.get("serial", ""), pairs.get("sensor", ""), latitude) if sound else None
 
 
 class Garbage(NamedTuple):

@@ -110,7 +110,7 @@ class Recording(Command, Stream):
 
     def next(self, folder: Path) -> tuple[str, ...]:
         """Return the commands to go on with."""
-        return (command_line("check", folder), command_line("fit", folder))
+        return (command_line("fit", folder),)
 
     def again(self, folder: Path, port: str, *without: str) -> str:
         """Return the command that resumes the recording, without some of its options."""

@@ -166,7 +166,7 @@ def simulated(options: SimulationOptions, calibrated: bool = True) -> BoardSourc
 
 def info_of(options: SimulationOptions, unit: SimulatedUnit) -> Info:
     """What the board of a simulated sensor reports of itself."""
-    return Info(options.gyro_fs_dps, options.accel_fs_g, unit.odr_hz, str(options.unit_drawn_from), options.sensor)
+    return Info(options.gyro_fs_dps, options.accel_fs_g, unit.odr_hz, str(options.unit_drawn_from), options.sensor, options.latitude_deg)
 
 
 def recorded(folder: Path) -> BoardSource:
@@ -175,7 +175,8 @@ def recorded(folder: Path) -> BoardSource:
     logs = [log.samples for log in (*session.logs, *session.closures)]
     sensor = session.config.sensor
     odr_hz = (len(logs[0]) - 1) / logs[0].duration_s
-    info = Info(sensor.gyro_fs_dps, sensor.accel_fs_g, odr_hz, sensor.serial, "" if sensor.profile is None else sensor.profile.name)
+    model = "" if sensor.profile is None else sensor.profile.name
+    info = Info(sensor.gyro_fs_dps, sensor.accel_fs_g, odr_hz, sensor.serial, model, session.config.site.latitude_deg)
     rows = np.concatenate([_registers(samples, session) for samples in logs])
     return BoardSource(rows, info, read_text(folder / "session.toml", MOST_TOML), sensor.register_units)
 

@@ -100,8 +100,7 @@ def _board(args: Options) -> None:
     def announce() -> None:
         if not args.quiet and not is_standard_output(args.json):
             print(terminal.name, flush=True)
-        place = "" if args.folder else f"; its latitude is {_options(args).latitude_deg:g}"
-        report(f"start record in another terminal{place}; Ctrl-C ends the board")
+        report("start record in another terminal; Ctrl-C ends the board")
 
     with terminal, table or nullcontext():
         # Simulating takes seconds, for which a reader may wait; a folder may be refused, and the file of --config comes first.
@@ -130,8 +129,8 @@ def _board(args: Options) -> None:
             clock=table.clock if table else Clock(),
         )
         try:
-            take = "" if source.number is None else f"; take {source.number} of seed {args.seed}"
-            report(f"{source.info.text}{take}")
+            if source.number is not None:
+                report(f"take {source.number} of seed {args.seed}")
             board.run()
         finally:
             dropped = f", {terminal.dropped} writes dropped without a reader" if terminal.dropped else ""

@@ -69,13 +69,13 @@ def _text(name: str) -> Kind:
     return Kind(name, write, TEXTS[name].options, TEXTS[name].gyro_lsb > 1e-7, max(1e-6, TEXTS[name].accel_lsb))
 
 
-def _binary(name: str, writer: Callable, file: str, options: tuple[str, ...] = (), whole: bool = False, **more: object) -> Kind:
+def _binary(name: str, writer: Callable, file: str, options: tuple[str, ...] = ()) -> Kind:
     def write(samples: Samples, folder: Path) -> list[Path]:
         temp = np.full(len(samples), 25.0) if samples.temp_c is None else np.asarray(samples.temp_c)
-        made = writer(folder / file, samples.t_ns, np.asarray(samples.gyro), np.asarray(samples.accel), temp, **more)
+        made = writer(folder / file, samples.t_ns, np.asarray(samples.gyro), np.asarray(samples.accel), temp)
         return [made if isinstance(made, Path) else folder / file]
 
-    return Kind(name, write, options, whole)
+    return Kind(name, write, options)
 
 
 KINDS = [
@@ -85,8 +85,6 @@ KINDS = [
     _binary("ROS 2 bag (sqlite)", binary.write_ros2, "imu_bag"),
     _binary("MCAP", binary.write_mcap, "imu.mcap"),
     _binary("ArduPilot .BIN", binary.write_ardupilot, "00000042.BIN", ("--topic", "IMU[0]")),
-    _binary("Betaflight .bbl", binary.write_blackbox, "LOG00001.BBL", whole=True),
-    _binary("Betaflight .bbl of 2016", binary.write_blackbox, "LOG00002.BBL", whole=True, key="gyro.scale"),
     _binary("HDF5", binary.write_hdf5, "imu.h5"),
     _binary("MATLAB 5", binary.write_mat, "imu.mat"),
     _binary("MATLAB 7.3", binary.write_mat73, "imu73.mat"),

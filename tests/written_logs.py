@@ -1,7 +1,7 @@
 """Binary logs as other programs write them: one function for each format, of t_ns (N,), rates (N, 3) rad/s, forces (N, 3) m/s^2, degC (N,).
 
 A writer is another program than the reader wherever there is one: rosbags for bags, the mcap package, h5py, SciPy, NumPy and pyarrow; ULog,
-dataflash and blackbox logs by hand, from the descriptions of their formats.
+and dataflash logs by hand, from the descriptions of their formats.
 """
 
 import json
@@ -224,62 +224,6 @@ def write_ardupilot(path, t_ns, gyro_rps, accel_mps2, temp_c, units=True):
     path.write_bytes(out)
 
 
-# Betaflight: https://github.com/betaflight/betaflight, docs of the blackbox's encodings.
-
-
-def unsigned_vb(value):
-    out = bytearray()
-    while value > 127:
-        out.append(value & 127 | 128)
-        value >>= 7
-    return bytes([*out, value])
-
-
-def signed_vb(value):
-    return unsigned_vb((value << 1) ^ (value >> 31) & 0xFFFFFFFF if value >= 0 else ((-value) << 1) - 1)
-
-
-def blackbox_bytes(t_us, gyro, accel, unfiltered=None, gyro_scale=0.1, acc_1g=2048, interval=8, end=True, more=(), key="gyro_scale"):
-    """gyro, accel (N, 3) counts; a whole frame each ``interval`` rows, between them differences to the frame before."""
-    sensors = {"gyroADC": gyro, "accSmooth": accel} | ({} if unfiltered is None else {"gyroUnfilt": unfiltered})
-    fields = ["loopIteration", "time", *(f"{name}[{i}]" for name in sensors for i in range(3))]
-    zeros, ones = ("," + ",".join([word] * 3 * len(sensors)) for word in "01")
-    (bits,) = struct.unpack("<I", struct.pack("<f", gyro_scale))
-    lines = [
-        "Product:Blackbox flight data recorder by Nicholas Sherlock",
-        "Data version:2",
-        f"I interval:{interval}",
-        "P interval:1/1",
-        f"Field I name:{','.join(fields)}",
-        f"Field I signed:0,0{ones}",
-        f"Field I predictor:0,0{zeros}",
-        f"Field I encoding:1,1{zeros}",
-        f"Field P predictor:6,2{ones}",
-        f"Field P encoding:9,0{zeros}",
-        "Firmware revision:Betaflight 4.5.0 (c155f5ef4) STM32F405",
-        f"{key}:0x{bits:08x}",
-        f"acc_1G:{acc_1g}",
-        *more,
-    ]
-    out = bytearray("".join(f"H {line}\n" for line in lines).encode())
-    rows = np.column_stack([t_us, *sensors.values()]).astype(np.int64).tolist()
-    before = [rows[0], rows[0]]
-    for number, row in enumerate(rows):
-        if number % interval == 0:
-            out += b"I" + unsigned_vb(number) + unsigned_vb(row[0]) + b"".join(map(signed_vb, row[1:]))
-            before = [row, row]
-        else:
-            line = 2 * before[0][0] - before[1][0]
-            out += b"P" + signed_vb(row[0] - line) + b"".join(signed_vb(a - b) for a, b in zip(row[1:], before[0][1:], strict=True))
-            before = [row, before[0]]
-    return bytes(out) + (b"E\xffEnd of log\0" if end else b"")
-
-
-def write_blackbox(path, t_ns, gyro_rps, accel_mps2, temp_c=None, key="gyro_scale"):
-    """In counts of 0.1 dps and 1/2048 g; key: of the scale in the header."""
-    path.write_bytes(blackbox_bytes(t_ns // 1000, np.rint(gyro_rps / DEG / 0.1), np.rint(accel_mps2 / G * 2048), key=key))
-
-
 # Arrays.
 
 
@@ -297,11 +241,11 @@ def write_hdf5(path, t_ns, gyro_rps, accel_mps2, temp_c, chunks=None):
         file["quaternion"] = np.zeros((len(t_ns), 4))
 
 
-def write_mat(path, t_ns, gyro_rps, accel_mps2, temp_c, version="5", compress=True):
+def write_mat(path, t_ns, gyro_rps, accel_mps2, temp_c, compress=True):
     from scipy.io import savemat
 
     arrays = {"t_ns": t_ns.astype(float), "gyro_rps": gyro_rps, "accel_mps2": accel_mps2, "temp_c": temp_c}
-    savemat(path, arrays if version == "4" else {"imu": arrays}, format=version, do_compression=compress and version == "5")
+    savemat(path, {"imu": arrays}, do_compression=compress)
 
 
 def write_mat73(path, t_ns, gyro_rps, accel_mps2, temp_c):
@@ -334,22 +278,14 @@ def write_npy(path, t_ns, gyro_rps, accel_mps2, temp_c):
     np.save(path, rows)
 
 
-def arrow_table(t_ns, gyro_rps, accel_mps2, temp_c):
+def write_parquet(path, t_ns, gyro_rps, accel_mps2, temp_c):
+    """Its units in the columns' names, but for the temperature's, which its metadata has."""
     import pyarrow
+    from pyarrow import parquet
 
     columns = {"timestamp": pyarrow.array(t_ns, pyarrow.timestamp("ns"))}
     columns |= {f"gyro_{axis}_rps": gyro_rps[:, i] for i, axis in enumerate("xyz")}
-    columns |= {f"acc_{axis}_mps2": accel_mps2[:, i] for i, axis in enumerate("xyz")}
-    return pyarrow.table(columns | {"temp_c": temp_c})
-
-
-def write_parquet(path, t_ns, gyro_rps, accel_mps2, temp_c):
-    from pyarrow import parquet
-
-    parquet.write_table(arrow_table(t_ns, gyro_rps, accel_mps2, temp_c), path)
-
-
-def write_feather(path, t_ns, gyro_rps, accel_mps2, temp_c):
-    from pyarrow import feather
-
-    feather.write_feather(arrow_table(t_ns, gyro_rps, accel_mps2, temp_c), path)
+    columns |= {"acc_mps2": pyarrow.FixedSizeListArray.from_arrays(accel_mps2.ravel(), 3), "temp": temp_c}
+    table = pyarrow.table(columns)
+    unit = table.schema.field("temp").with_metadata({"units": "degc"})
+    parquet.write_table(table.cast(table.schema.set(len(columns) - 1, unit)), path)

@@ -9,26 +9,17 @@ import zlib
 
 import numpy as np
 import pytest
-import written_logs as written
 from processes import ROOT, refused
 from processes import run as run_process
-from test_binary_logs_physics import ACCEL, ARRAYS, COUNT, COUNTS, FORMATS, GYRO, T_NS, file_of
+from test_binary_logs_physics import ACCEL, ARRAYS, COUNT, FORMATS, GYRO, T_NS, file_of
 
 from session.base.budget import GB, MB, budget
 from session.base.errors import FormatError
-from session.replay.binary import betaflight
 from session.replay.binary.registry import reader_of
 from session.replay.binary.source import Stream
 from session.replay.sources import sources_of
 
-#: writer, file in it, reader, the stream that is compared
-LOST_PLANE = {"blackbox": (written.write_blackbox, betaflight.FORMAT, "log1")}
-
-
-STREAMED = FORMATS | LOST_PLANE
-
-
-EVERY = STREAMED | ARRAYS
+EVERY = FORMATS | ARRAYS
 
 
 every_format = pytest.mark.parametrize("name", EVERY)
@@ -37,7 +28,6 @@ every_format = pytest.mark.parametrize("name", EVERY)
 @pytest.fixture(scope="module")
 def files(tmp_path_factory):
     """The bytes of each format, and the suffix that its file has."""
-    pytest.importorskip("orangebox")
     made = {}
     for name, (write, *_) in EVERY.items():
         path = file_of(write, tmp_path_factory.mktemp("logs"))
@@ -94,21 +84,20 @@ def test_no_damage_is_a_traceback(name, how, files, tmp_path, capsys):
     assert capsys.readouterr() == ("", "")
 
 
-@pytest.mark.parametrize("name", STREAMED)
+@pytest.mark.parametrize("name", FORMATS)
 def test_what_stands_before_a_cut_is_read(name, files, tmp_path):
     """Row by row as it was written; and the note says where the file ends."""
     data, suffix = files[name]
     path = tmp_path / f"a{suffix}"
     # The tables' roots fill more than half of a small database.
     path.write_bytes(data[: 3 * len(data) // 4] if name == "ROS 2, zstd" else damaged(data, "half"))
-    stream = next(stream for stream in answers(name, path) if stream.name == STREAMED[name][2])
-    gyro, accel = COUNTS if name == "blackbox" else (GYRO, ACCEL)
+    stream = next(stream for stream in answers(name, path) if stream.name == FORMATS[name][2])
     assert 20 <= len(stream) < COUNT
     np.testing.assert_array_equal(stream.t_ns, T_NS[: len(stream)])
-    np.testing.assert_array_equal(stream.parts["gyro"].values, gyro[: len(stream)])
-    np.testing.assert_array_equal(stream.parts["accel"].values, accel[: len(stream)])
-    assert any("cut" in note or "no end mark" in note for note in stream.notes), stream.notes
-    assert any(char.isdigit() for note in stream.notes if "cut" in note or "no end mark" in note for char in note)
+    np.testing.assert_array_equal(stream.parts["gyro"].values, GYRO[: len(stream)])
+    np.testing.assert_array_equal(stream.parts["accel"].values, ACCEL[: len(stream)])
+    assert any("cut" in note for note in stream.notes), stream.notes
+    assert any(char.isdigit() for note in stream.notes if "cut" in note for char in note)
 
 
 @pytest.mark.parametrize("name", ["ROS 1, bz2", "MCAP"])

@@ -16,7 +16,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from session.base.budget import budget
 from session.base.errors import FormatError
 from session.base.units import parse_unit
-from session.replay.binary import ardupilot, arrow, betaflight, hdf5, matlab, mcap_file, numpy_file, ros, rosbag1, rosbag2, ulog
+from session.replay.binary import ardupilot, hdf5, matlab, mcap_file, numpy_file, parquet, ros, rosbag1, rosbag2, ulog
 from session.replay.binary.registry import reader_of
 from session.replay.named import meaning
 
@@ -40,9 +40,6 @@ TEMP = np.linspace(25, 30, COUNT).astype(np.float32).astype(float)
 
 
 RECORDING = (T_NS, GYRO, ACCEL, TEMP)
-
-
-COUNTS = np.rint(GYRO / written.DEG / 0.1), np.rint(ACCEL / written.G * 2048)
 
 
 def with_(write, **options):
@@ -72,11 +69,9 @@ ARRAYS = {
     "MATLAB 7.3": (written.write_mat73, hdf5.FORMAT, "imu"),
     "MATLAB 5": (written.write_mat, matlab.FORMAT, "imu"),
     "MATLAB 5, unpacked": (with_(written.write_mat, compress=False), matlab.FORMAT, "imu"),
-    "MATLAB 4": (with_(written.write_mat, version="4"), matlab.FORMAT, "imu"),
     "npz": (written.write_npz, numpy_file.FORMAT, "imu"),
     "npy": (written.write_npy, numpy_file.FORMAT, "imu"),
-    "Parquet": (written.write_parquet, arrow.FORMAT, "imu"),
-    "Feather": (written.write_feather, arrow.FORMAT, "imu"),
+    "Parquet": (written.write_parquet, parquet.FORMAT, "imu"),
 }
 
 
@@ -85,10 +80,10 @@ EACH_READER = pytest.mark.parametrize("name", ["ROS 1", "ROS 2", "MCAP", "ULog",
 
 
 def file_of(write, tmp_path: Path) -> Path:
-    """What it writes, under the name that MATLAB 4 needs, and which says nothing of any other."""
+    """What it writes, under a name that says nothing of it."""
     write(tmp_path / "made", *RECORDING)
     (path,) = tmp_path.iterdir()
-    return path.rename(tmp_path / "a.mat")
+    return path.rename(tmp_path / "a.dat")
 
 
 def head_of(path: Path) -> bytes:
@@ -159,14 +154,13 @@ def test_more_than_the_budget_is_refused(name, tmp_path):
         (written.write_ros2, rosbag2.FORMAT, "rosbags.typesys", "a ROS 2 bag; reading it needs rosbags"),
         (written.write_mcap, mcap_file.FORMAT, "mcap.stream_reader", "an MCAP file; reading it needs mcap"),
         (written.write_hdf5, hdf5.FORMAT, "h5py", "an HDF5 file; reading it needs h5py"),
-        (written.write_parquet, arrow.FORMAT, "pyarrow", "a table of Arrow; reading it needs pyarrow"),
-        (written.write_blackbox, betaflight.FORMAT, "orangebox", "a blackbox log; reading it needs orangebox"),
+        (written.write_parquet, parquet.FORMAT, "pyarrow.parquet", "a Parquet file; reading it needs pyarrow"),
     ],
 )
 def test_a_package_that_is_not_installed_is_named(write, reader, module, said, tmp_path, monkeypatch):
     path = file_of(write, tmp_path)
     monkeypatch.setitem(sys.modules, module, None)
-    with pytest.raises(FormatError, match=rf"{said}: python -m pip install -e '.*\[(logs|betaflight)\]'"):
+    with pytest.raises(FormatError, match=rf"{said}: python -m pip install -e '.*\[logs\]'"):
         reader.topics(path, None)
 
 
@@ -374,7 +368,7 @@ def test_the_path_of_a_number_has_at_most_300_letters(letters, refused):
         assert make().paths == [f"{'a' * 200}.{'b' * letters}"]
 
 
-# ArduPilot and Betaflight.
+# ArduPilot.
 
 
 def test_dataflash_says_what_it_passed_over(tmp_path):
@@ -424,43 +418,6 @@ def test_dataflash_agrees_with_pymavlink(tmp_path):
     theirs, ours = np.array(rows), one(path, "IMU[1]")
     assert_array_equal(ours.t_ns // 1000, theirs[:, 0])
     assert_array_equal(np.column_stack([part.values for part in ours.parts.values()]), theirs[:, 1:])
-
-
-def test_blackbox_counts_come_back_with_their_units(tmp_path):
-    pytest.importorskip("orangebox")
-    path = tmp_path / "a.bbl"
-    written.write_blackbox(path, *RECORDING, key="gyro.scale")
-    assert reader_of(path, head_of(path)) is betaflight.FORMAT
-    (topic,) = betaflight.FORMAT.topics(path, None)
-    assert (topic.name, topic.rows, topic.holds) == ("log1", COUNT, ("gyro", "accel"))
-    same(stream := one(path), *COUNTS)
-    assert (stream.parts["gyro"].unit, stream.parts["accel"].unit) == ("0.1dps", "g/2048")
-    assert (stream.parts["gyro"].full_scale, stream.parts["accel"].full_scale) == (2000, 16)
-    assert any("2000 dps is assumed" in note for note in stream.notes)
-    assert_allclose(stream.parts["gyro"].values * parse_unit("gyro", stream.parts["gyro"].unit).si, GYRO, atol=0.05 * written.DEG)
-    assert_allclose(stream.parts["accel"].values * parse_unit("accel", stream.parts["accel"].unit).si, ACCEL, atol=0.5 * written.G / 2048)
-
-
-def test_blackbox_counter_that_comes_round_goes_on(tmp_path):
-    pytest.importorskip("orangebox")
-    t_us = 2**32 - 50_000 + 1000 * np.arange(COUNT)
-    (tmp_path / "a.bbl").write_bytes(written.blackbox_bytes(t_us % 2**32, *COUNTS, interval=1))
-    assert_array_equal(one(tmp_path / "a.bbl").t_ns, t_us * 1000)
-
-
-def test_blackbox_intervals_without_end_are_refused(tmp_path):
-    pytest.importorskip("orangebox")
-    for bad in (b"P interval:0/1", b"P interval:1/0", b"P interval:abc"):
-        (tmp_path / "a.bbl").write_bytes(written.blackbox_bytes(T_NS // 1000, *COUNTS).replace(b"P interval:1/1", bad))
-        with pytest.raises(FormatError, match="log1 cannot be read"):
-            betaflight.FORMAT.topics(tmp_path / "a.bbl", None)
-
-
-def test_blackbox_header_without_its_interval_has_the_default(tmp_path):
-    """orangebox 0.4.0 has it as a class property, which Python 3.13 has no more."""
-    data = written.blackbox_bytes(T_NS // 1000, *COUNTS, interval=1)
-    (tmp_path / "a.bbl").write_bytes(data.replace(b"H I interval:1\n", b""))
-    assert_array_equal(one(tmp_path / "a.bbl").t_ns, T_NS)
 
 
 # Arrays: names, shapes, units, and what each format has of its own.
@@ -639,26 +596,6 @@ def test_matlab_agrees_with_scipy(tmp_path):
     assert_array_equal(ours["cells[0]"].ravel(), np.arange(4.0))
     assert ours["deep" + 4 * ".d[0]"] == 1.0
     assert "deeper" + 4 * ".d[0]" + ".d" not in ours
-    of_version_4 = {f"a_{kind}": arrays[f"a_{kind}"] for kind in ("f4", "f8", "i2", "i4", "u1", "u2")}
-    io.savemat(tmp_path / "a.mat", of_version_4 | {"complex": file["complex"], "last": np.arange(3.0)}, format="4")
-    ours, theirs = dict(matlab._variables(tmp_path / "a.mat", notes)), io.loadmat(tmp_path / "a.mat")
-    for name in (*of_version_4, "last"):
-        assert_array_equal(ours[name], theirs[name])
-        assert ours[name].dtype == theirs[name].dtype
-    assert_array_equal(ours["complex"], theirs["complex"].real)
-
-
-@pytest.mark.parametrize(
-    ("head", "found"),
-    [
-        ((0, 0, 1, 0, 1), ("<f8", False, 0, 1, False, 1)),
-        ((51, 2, 3, 1, 64), ("<u1", True, 2, 3, True, 64)),
-        *((head, None) for head in ((60, 1, 1, 0, 1), (2, 1, 1, 0, 1), (1000, 1, 1, 0, 1), (0, 1, 1, 2, 1), (0, 1, 1, -1, 1))),
-        *((head, None) for head in ((0, -1, 1, 0, 1), (0, 1, -1, 0, 1), (0, 1, 1, 0, 0), (0, 1, 1, 0, 65))),
-    ],
-)
-def test_the_head_of_a_matrix_of_version_4(head, found):
-    assert matlab._fourth_head(struct.pack("<5i", *head)) == found
 
 
 @pytest.mark.parametrize("order", "<>")

@@ -1,4 +1,4 @@
-"""MATLAB files of versions 4 to 7.2 (MAT-File Format, MathWorks), by a reader of our own; version 7.3 is HDF5.
+"""MATLAB files of versions 5 to 7.2 (MAT-File Format, MathWorks), by a reader of our own; version 7.3 is HDF5.
 
 SciPy reads them, too.  But its compiled part ends the whole program where damaged bytes state an unknown type of numbers, and it gives
 nothing of a file that is cut.  Full arrays of numbers and texts are read here, in structs and cells as well; sparse arrays and objects are
@@ -18,13 +18,13 @@ import numpy as np
 
 from session.base.budget import RECORD, current
 from session.replay.binary.arrays import Array, Opened, Tables, rate_of
-from session.replay.binary.source import Cut, Source, reason
+from session.replay.binary.source import Cut, Source, begins, reason
 
 MAGIC = b"MATLAB 5.0 MAT-file"
 HEAD = 128
 #: packed bytes that are unpacked at once, and letters of a text that are kept
 AT_ONCE, LONGEST_TEXT = 1 << 14, 256
-#: types of data of version 5 -> NumPy's; texts
+#: types of data -> NumPy's; texts
 NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 TEXTS = {1: "latin-1", 2: "latin-1", 4: "utf-16", 16: "utf-8", 17: "utf-16", 18: "utf-32"}
 MATRIX, COMPRESSED = 14, 15
@@ -32,18 +32,8 @@ MATRIX, COMPRESSED = 14, 15
 CELL, STRUCT, CHAR, NUMERIC = 1, 2, 4, range(6, 16)
 #: structs in structs, and elements of one struct or cell, that are opened
 DEEPEST, MOST_ELEMENTS = 8, 1000
-#: version 4: precisions, and the longest name
-FOURTH = {0: "f8", 1: "f4", 2: "i4", 3: "i2", 4: "u2", 5: "u1"}
-LONGEST_NAME = 64
 #: what a variable may be: its numbers, or a text
 Value = np.ndarray | str
-
-
-def is_mine(path: Path, head: bytes) -> bool:
-    """By the text that version 5 begins with; of version 4, which has none, by the name and the first matrix."""
-    if head.startswith(MAGIC):
-        return True
-    return path.suffix.lower() == ".mat" and len(head) >= 20 and _fourth_head(head[:20]) is not None
 
 
 @contextmanager
@@ -80,12 +70,11 @@ def _variables(path: Path, notes: list[str]) -> Iterator[tuple[str, Value]]:
     """Name and value of each array and text, one variable of the file in memory at a time; a damaged file ends with a note."""
     with Source(path) as source:
         head = source.read(min(HEAD, source.size))
-        fifth = head.startswith(MAGIC)
         order = "<" if head[126:128] != b"MI" else ">"
-        source.seek(HEAD if fifth else 0)
+        source.seek(HEAD)
         while (at := source.tell()) < source.size:
             try:
-                made = list(_fifth(source, order)) if fifth else [_fourth(source)]
+                made = list(_variable(source, order))
             except Cut:
                 notes.append(f"cut in the variable at byte {at}")
                 return
@@ -95,10 +84,7 @@ def _variables(path: Path, notes: list[str]) -> Iterator[tuple[str, Value]]:
             yield from made
 
 
-# Version 5.
-
-
-def _fifth(source: Source, order: str) -> Iterator[tuple[str, Value]]:
+def _variable(source: Source, order: str) -> Iterator[tuple[str, Value]]:
     """What the next variable of a file holds."""
     kind, length = struct.unpack(f"{order}II", source.read(8))
     body = memoryview(source.read(length))
@@ -183,41 +169,13 @@ def _matrix(path: Path, data: memoryview, order: str, name: str, depth: int) -> 
             yield from _matrix(path, inner, order, f"{name}[{place}]", depth + 1)
 
 
-# Version 4.
-
-
-def _fourth_head(head: bytes) -> tuple[str, bool, int, int, bool, int] | None:
-    """Type of numbers, whether it is a text, rows, columns, whether it is complex, length of the name; None for what is no matrix."""
-    for order in "<>":
-        kind, rows, columns, imaginary, length = struct.unpack(f"{order}5i", head)
-        thousands, rest = divmod(kind, 1000)
-        form = rest // 10
-        known = thousands == (order == ">") and form in FOURTH and rest % 10 in (0, 1)
-        if known and min(rows, columns) >= 0 and imaginary in (0, 1) and 0 < length <= LONGEST_NAME:
-            return f"{order}{FOURTH[form]}", rest % 10 == 1, rows, columns, imaginary == 1, length
-    return None
-
-
-def _fourth(source: Source) -> tuple[str, Value]:
-    """The next matrix of a file.  ValueError for what is none."""
-    head = _fourth_head(source.read(20))
-    if head is None:
-        raise ValueError("no matrix of version 4")
-    dtype, is_text, rows, columns, is_complex, length = head
-    name = source.read(length).split(b"\0")[0].decode("latin-1")
-    values = np.frombuffer(source.read(rows * columns * np.dtype(dtype).itemsize), dtype).reshape((rows, columns), order="F")
-    if is_complex:
-        source.read(values.nbytes)
-    return name, "".join(chr(int(code)) for code in values.ravel(order="C")[:LONGEST_TEXT]) if is_text else values
-
-
 FORMAT = Tables(
     "MATLAB",
     "a MATLAB file",
     "",
     "",
     "",
-    "any .mat of MATLAB 4 to 7.2 with arrays or structs of them: imu.gyro (N, 3), imu.acc (N, 3), imu.t",
-    is_mine,
+    "any .mat of MATLAB 5 to 7.2 with arrays or structs of them: imu.gyro (N, 3), imu.acc (N, 3), imu.t",
+    begins(MAGIC),
     _opened,
 )

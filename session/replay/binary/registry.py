@@ -19,11 +19,10 @@ READERS = {
     "ROS 2 bag": "session.replay.binary.rosbag2",
     "MCAP": "session.replay.binary.mcap_file",
     "ArduPilot dataflash": "session.replay.binary.ardupilot",
-    "Betaflight blackbox": "session.replay.binary.betaflight",
     "HDF5": "session.replay.binary.hdf5",
     "MATLAB": "session.replay.binary.matlab",
     "NumPy": "session.replay.binary.numpy_file",
-    "Arrow": "session.replay.binary.arrow",
+    "Parquet": "session.replay.binary.parquet",
 }
 
 

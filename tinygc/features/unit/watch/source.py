@@ -35,7 +35,7 @@ SILENT_S = 10.0
 #: bytes of a stream in which a sample must have come
 BARREN = 1 << 20
 #: ends of the names of files: what has one is no port, also where it is not there
-LOG_SUFFIXES = (".csv", ".gz", ".txt", ".log", ".tsv", ".dat", ".bin", ".npz", ".json", ".jsonl", ".ulg", ".bag", ".mcap", ".bfl", ".bbl")
+LOG_SUFFIXES = (".csv", ".gz", ".txt", ".log", ".tsv", ".dat", ".bin", ".npz", ".json", ".jsonl", ".ulg", ".bag", ".mcap")
 
 
 RESTART = "restart"

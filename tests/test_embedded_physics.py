@@ -94,34 +94,6 @@ def test_single_precision_costs_nothing_that_matters(name):
     assert off.max() < 1e-6
 
 
-class Counted(np.ndarray):
-    """Counts the floating-point operations that are done with it."""
-
-    done: dict = {}  # noqa: RUF012
-
-    def __array_ufunc__(self, ufunc, method, *inputs, **kwargs):
-        result = getattr(ufunc, method)(*(np.asarray(value) for value in inputs), **kwargs)
-        self.done[ufunc.__name__] = self.done.get(ufunc.__name__, 0) + np.size(result)
-        return np.asarray(result).view(Counted)
-
-    def __array_function__(self, function, types, arguments, options):
-        result = super().__array_function__(function, types, arguments, options)
-        return result.view(Counted) if isinstance(result, np.ndarray) else result
-
-
-@pytest.mark.parametrize("name", ["linear", "tinygc", "gyro.scale_nonlinearity", "gyro.g_sensitivity", "tinygc_denoised"])
-def test_the_operations_that_the_header_names_are_those_that_are_done(name):
-    Counted.done.clear()
-    chosen, count = program(MODELS[name]), 20
-    chosen.run(as_inputs(random_inputs(20).view(Counted)))
-    done, cost = Counted.done, chosen.cost
-    assert done["multiply"] == count * cost.multiply
-    assert done["add"] + done.get("subtract", 0) == count * cost.add
-    assert done.get("greater_equal", 0) == count * cost.compare
-    header = source_files(chosen, None, "T.", {})["tinygc_model.h"]
-    assert f"{cost.multiply} multiplications, {cost.add} additions, {cost.compare} comparisons" in header
-
-
 # Stages by hand
 
 

@@ -25,25 +25,13 @@ MOST_PASSES = 30
 PASSES_IN_C = 5
 
 
-@dataclass(frozen=True)
-class Cost:
-    """Number of floating-point operations for one sample."""
-
-    multiply: int = 0
-    add: int = 0
-    compare: int = 0
-
-    def __add__(self, other: Cost) -> Cost:
-        return Cost(self.multiply + other.multiply, self.add + other.add, self.compare + other.compare)
-
-
 @dataclass(frozen=True, eq=False)
 class Stage:
     """One step of a program: its body changes ``float r[3]`` in place, and may read ``in`` and change ``state``.
 
     formula: a line of the header's formula; body: C statements; constants: name in C -> values, in double precision until a program
     rounds them; numpy(c, rate, inputs) -> (N, 3) float32: what the body does to N samples, in the same order of operations, c: name ->
-    float32; cost of one sample; functions: C functions that the body calls; state: C members (names that no other stage has),
+    float32; functions: C functions that the body calls; state: C members (names that no other stage has),
     state_bytes: their size, start: statements that set them.
     """
 
@@ -51,15 +39,10 @@ class Stage:
     body: str
     constants: dict[str, np.ndarray]
     numpy: Callable[[dict[str, np.ndarray], np.ndarray, Any], np.ndarray]
-    cost: Cost
     functions: str = ""
     state: str = ""
     state_bytes: int = 0
     start: str = ""
-
-
-#: cost of one affine map of three components, by a C function that every program has
-AFFINE_COST = Cost(multiply=9, add=9)
 
 
 def affine(w: np.ndarray, x: np.ndarray) -> np.ndarray:
@@ -73,27 +56,23 @@ def affine(w: np.ndarray, x: np.ndarray) -> np.ndarray:
 # C from NumPy: arithmetic on names, in the order in which NumPy rounds.
 
 
-def _operator(sign: str, **cost: int) -> Callable[[InC, InC | float], InC]:
-    def written(self: InC, other: InC | float) -> InC:
-        return InC(f"({self.text} {sign} {in_c(other).text})", self.cost + in_c(other).cost + Cost(**cost))
-
-    return written
+def _operator(sign: str) -> Callable[[InC, InC | float], InC]:
+    return lambda self, other: InC(f"({self.text} {sign} {in_c(other).text})")
 
 
 @dataclass(frozen=True, eq=False)
 class InC:
-    """A number in C: its text, and the cost of computing it.  Sums, products and comparisons of numbers are one; nothing else is."""
+    """A number in C, as text.  Sums, products and comparisons of numbers are one; nothing else is."""
 
     text: str
-    cost: Cost = Cost()
 
-    __add__, __sub__, __mul__ = _operator("+", add=1), _operator("-", add=1), _operator("*", multiply=1)
-    __lt__, __gt__ = _operator("<", compare=1), _operator(">", compare=1)
+    __add__, __sub__, __mul__ = map(_operator, "+-*")
+    __lt__, __gt__ = map(_operator, "<>")
 
     __radd__, __rmul__ = __add__, __mul__
 
     def __neg__(self) -> InC:
-        return InC(f"(-{self.text})", self.cost)
+        return InC(f"(-{self.text})")
 
     def __pow__(self, power: int) -> InC:
         return NotImplemented if power != 2 else self * self
@@ -109,8 +88,7 @@ def in_c(number: InC | float) -> InC:
 
 def where(condition: InC, this: InC | float, that: InC | float) -> InC:
     """One of two numbers in C, as ``np.where``."""
-    this, that = in_c(this), in_c(that)
-    return InC(f"({condition.text} ? {this.text} : {that.text})", condition.cost + this.cost + that.cost)
+    return InC(f"({condition.text} ? {in_c(this).text} : {in_c(that).text})")
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,7 +124,7 @@ class PerAxisC:
                 w = rate - self.numpy(c, w, inputs)
             return w
 
-        return Stage(self.formula, body, values, run, sum([term.cost + Cost(add=1)] * (3 * self.passes), Cost()))
+        return Stage(self.formula, body, values, run)
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,8 +139,7 @@ class MatrixC:
         """The correction by parameters theta (P,), SI."""
         body = f"float s[3];\naffine({self.name}, in->force, s);\nfor (int i = 0; i < 3; i++)\n    r[i] -= s[i];"
         values = {self.name: np.column_stack([self.matrix(theta, known), np.zeros(3)])}
-        cost = AFFINE_COST + Cost(add=3)
-        return Stage(self.formula, body, values, lambda c, rate, inputs: rate - affine(c[self.name], inputs.force), cost)
+        return Stage(self.formula, body, values, lambda c, rate, inputs: rate - affine(c[self.name], inputs.force))
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,7 +17,6 @@ from session.log.registers import DEFAULT
 from session.log.sensors import Thermometer
 from tinygc.deploy import ExportError, feature_exports
 from tinygc.deploy.embedded.stages import calibration_net, denoise, effect_stage, linear
-from tinygc.effects import Cost
 from tinygc.effects.device import Stage, affine
 from tinygc.models.denoiser import DenoisedNet
 from tinygc.models.linear import LinearModel
@@ -67,11 +66,6 @@ class Program:
     def constants(self) -> dict[str, np.ndarray]:
         """Constants of all stages, by name in C."""
         return {name: array for stage in self.stages for name, array in stage.constants.items()}
-
-    @property
-    def cost(self) -> Cost:
-        """Cost of one sample, over all stages."""
-        return sum((stage.cost for stage in self.stages), Cost())
 
     @property
     def identity(self) -> int:

@@ -29,8 +29,7 @@ _HEADER = """\
  * units    rate in rad/s in and out; specific force in m/s^2, calibrated (level and still, z down: 0, 0, -g); temperature in degC
  * axes     the sensor's own
  * memory   {weights} bytes of weights, {state} of state
- * cost     {multiply} multiplications, {add} additions, {compare} comparisons a sample, all in single precision;
- *          code size and instructions on a Cortex-M4F: python benchmarks/firmware.py
+ * cost     single precision; code size and instructions on a Cortex-M4F: python benchmarks/firmware.py
  * build    {flags}
  *          (any C99 compiler will do; what keeps each bit is that products and sums are not contracted)
  */
@@ -192,7 +191,6 @@ def source_files(
         "weights": 4 * sum(array.size for array in constants.values()),
         "state": sum(stage.state_bytes for stage in stages) or 1,
         "members": members or "    unsigned char unused;\n",
-        **vars(program.cost),
         "averaged": _AVERAGED if "in->temp_c" in code else "",
         "force": "" if "in->force" in code else unread,
         "temp": "" if "in->temp_c" in code else unread,

@@ -7,8 +7,8 @@ import re
 import numpy as np
 
 from tinygc.deploy import ExportError
-from tinygc.effects import AppliedEffect, Conditions, Cost, NoC
-from tinygc.effects.device import AFFINE_COST, Stage, affine
+from tinygc.effects import AppliedEffect, Conditions, NoC
+from tinygc.effects.device import Stage, affine
 from tinygc.models.denoiser import DILATIONS, SHAPES, Denoiser
 from tinygc.models.linear import LinearModel
 from tinygc.models.nets import CalibrationNet
@@ -27,7 +27,7 @@ def linear(model: LinearModel, name: str, formula: str) -> Stage:
     """omega = E m + B as m + (D m + B)."""
     constants = {name: np.column_stack([np.asarray(model.E, dtype=float) - np.eye(3), model.B])}
     body = f"float s[3];\naffine({name}, r, s);\n{ADD}"
-    return Stage(formula, body, constants, lambda c, rate, inputs: rate + affine(c[name], rate), AFFINE_COST + Cost(add=3))
+    return Stage(formula, body, constants, lambda c, rate, inputs: rate + affine(c[name], rate))
 
 
 _NET = f"""\
@@ -48,7 +48,7 @@ def calibration_net(net: CalibrationNet) -> Stage:
 
     constants = {"HIDDEN": np.column_stack([net.W1, net.b1]), "SLOPE": net.slope, "OUTER": np.column_stack([net.W2, net.b2])}
     formula = "r += W2 h + b2, h = W1 r + b1 where positive, slope times that below"
-    return Stage(formula, _NET, constants, run, AFFINE_COST + AFFINE_COST + Cost(multiply=3, add=3, compare=3))
+    return Stage(formula, _NET, constants, run)
 
 
 # The denoising subnet: three causal convolutions per axis, each with a ring buffer of samples, so that a window is never recomputed.
@@ -91,13 +91,11 @@ def denoise(denoiser: Denoiser) -> Stage:
     lines += ["    r[i] = y3[0];", "}"]
     for n, kept in enumerate(slots):  # the places in the rings, which all axes share
         lines.append(f"state->newest[{n}] = (unsigned char)(state->newest[{n}] + 1u < {kept}u ? state->newest[{n}] + 1u : 0u);")
-    products = sum(w.size for w in weights)
     return Stage(
         f"r = conv3(conv2(conv1(r))) per axis, dilations {DILATIONS}",
         "\n".join([*lines, "state->running = 1;"]),
         {f"CONV{n}": w.transpose(0, 3, 1, 2).reshape(3, -1) for n, w in enumerate(weights, 1)},
         _denoised,
-        Cost(products, products),
         "\n".join(_layer(n, *each) for n, each in enumerate(zip(weights, DILATIONS, slots, strict=True), 1)),
         state + "    unsigned char newest[3];\n    unsigned char running;\n",
         4 * 3 * sum(kept * count for kept, count in zip(slots, inputs, strict=True)) + 4,

@@ -14,7 +14,6 @@ from session.base.units import DEG
 from tinygc.effects import (
     Conditions,
     Convention,
-    Cost,
     Effect,
     Movement,
     NoC,
@@ -130,7 +129,6 @@ SHARE = """\
     const float s = (w[0] * w[0] + w[1] * w[1] + w[2] * w[2] - {0}_STILL[0]) * {0}_TURNS[0];
     const float m = s < 0.0f ? 0.0f : (s > 1.0f ? 1.0f : s);
 """
-SHARE_COST = Cost(10, 3, 2)
 
 
 def why_not(form: LawForm) -> str:
@@ -173,7 +171,6 @@ def device_of(form: LawForm, name: str, passes: int | None, fs_rps: float | None
     lines += [*(f"        {x}[i] = {text.text};" for x, text in zip("xy", texts, strict=False)), "    }"]
     lines += [f"    w[{axis}] = r[{axis}] - ({' + '.join(products[each * axis : each * (axis + 1)])});" for axis in range(3)]
     lines += ["}", "for (int i = 0; i < 3; i++)", "    r[i] = w[i];"]
-    once = sum([*(text.cost for text in texts)] * 3, Cost(form.size * count, form.size)) + (SHARE_COST if of_rate else Cost())
 
     def constants(theta: np.ndarray, known: Conditions) -> dict[str, np.ndarray]:
         found = {"": theta} | {f"_{'AB'[n]}": [f.constant] for n, f in enumerate(form.factors) if f.constant is not None}
@@ -200,8 +197,7 @@ def device_of(form: LawForm, name: str, passes: int | None, fs_rps: float | None
             w = rate - sum(added[:, number::each] for number in range(each))
         return w
 
-    formula, cost = f"r -= the law discovered.{name}", sum([once] * passes, Cost(add=len(warm)))
-    return StageC(formula, "\n".join(lines), constants, run, cost)
+    return StageC(f"r -= the law discovered.{name}", "\n".join(lines), constants, run)
 
 
 # A law with its numbers, as its file states them (``effect_file.py``).

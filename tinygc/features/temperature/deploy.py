@@ -13,7 +13,6 @@ from tinygc.deploy import ExportError
 from tinygc.deploy.exports._autopilots import Zero, remark_on_scale
 from tinygc.deploy.exports._context import Context
 from tinygc.deploy.exports._text import LinearPart
-from tinygc.effects import Cost
 from tinygc.effects.device import Stage
 from tinygc.features.temperature.model import ThermalModel, time_and_share, weights
 
@@ -92,15 +91,14 @@ def stage(model: ThermalModel, rate_hz: float | None) -> Stage:
     matrices[0] -= np.eye(3)
     constants = {"THERMAL_C": np.array([model.reference_c, *model.range_c]), "THERMAL_ZERO": model.zero_terms, "THERMAL_E": matrices}
     zero, matrix = len(model.zero_terms) - 1, len(matrices) - 1
-    cost = Cost(3 * zero + 9 * (matrix + 1), 3 * zero + 9 * (matrix + 1) + 10, 8)
     follow, memory = "for (int i = 0; i < 3; i++)\n    element[i] = in->temp_c;\n", {}
     if model.lag_s.any():
         if rate_hz is None:
             raise ExportError("a lag of the temperature needs the data rate; give the session's sensor.odr_hz")
         constants["THERMAL_LAG"] = np.array([_lag(float(tau), rate_hz) for tau in model.lag_s])
-        follow, memory, cost = _FOLLOW, _MEMORY, cost + Cost(9, 27, 1)
+        follow, memory = _FOLLOW, _MEMORY
     formula = "r = E(T) (r - zero(T_e)), polynomials of the temperature"
-    return Stage(formula, _BODY.format(follow=follow, zero=zero, matrix=matrix), constants, _calibrated, cost, _HELD, **memory)
+    return Stage(formula, _BODY.format(follow=follow, zero=zero, matrix=matrix), constants, _calibrated, _HELD, **memory)
 
 
 def _calibrated(c: dict[str, np.ndarray], rate: np.ndarray, inputs: Any) -> np.ndarray:

@@ -1,11 +1,11 @@
-"""After a shock the zero is off, and comes back: the moment is searched for, and told in minutes.  It draws its own picture."""
+"""After a shock the zero is off, and comes back: the moment is searched for, and told in minutes."""
 
 from dataclasses import replace
 
 import numpy as np
 
 from session.base.units import DEG
-from tinygc.effects import BYGONE, Effect, Movement, Parameter, PictureData, Scan, axis_of, largest, per_axis
+from tinygc.effects import BYGONE, Effect, Movement, Parameter, Scan, axis_of, largest, per_axis
 
 RECOVERS_S = 25.0
 MINUTE_S = 60.0
@@ -14,15 +14,6 @@ MINUTE_S = 60.0
 def _grid(movements) -> np.ndarray:
     """Every two seconds of the session."""
     return np.arange(2.0, movements[0].duration_s - 2.0, 2.0)
-
-
-def _draw(data: PictureData, left, right) -> None:
-    for axis, name in enumerate("xyz"):
-        left.points(data.stills_s / MINUTE_S, data.before[:, axis] / DEG, name, name=name)
-        right.points(data.predicted[:, axis] / DEG, (data.predicted + data.after)[:, axis] / DEG, name, name=name)
-    left.upright(data.parameters["shock_min"])
-    left.x.label, left.y.label, left.title = "time (min)", "rate in the still (dps)", "The shock, and the way back"
-    right.x.label, right.y.label = "says (dps)", "recorded (dps)"
 
 
 def _at(shock_s: float) -> Effect:
@@ -49,6 +40,5 @@ EFFECT = Effect(
     inputs=("time",),
     conditions=("time", "s"),
     scan=Scan("shock_min", "min", make=_at, si=MINUTE_S, grid=_grid),
-    picture=_draw,
     device=BYGONE,
 )

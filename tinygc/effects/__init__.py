@@ -8,7 +8,7 @@ changed: model selection, refitting, simulation, plots, live use, exports and C 
 
 from tinygc.effects import signals
 from tinygc.effects.catalogue import catalogue, effect_of, load_folder, using
-from tinygc.effects.device import AHEAD, BYGONE, Cost, MatrixC, NoC, PerAxisC, StageC
+from tinygc.effects.device import AHEAD, BYGONE, MatrixC, NoC, PerAxisC, StageC
 from tinygc.effects.effect import (
     AppliedEffect,
     CommonDelay,
@@ -18,7 +18,6 @@ from tinygc.effects.effect import (
     Occurrence,
     Parameter,
     Parts,
-    PictureData,
     ReferenceConditions,
     Scan,
     StatedNumbers,
@@ -51,7 +50,6 @@ __all__ = [
     "CommonDelay",
     "Conditions",
     "Convention",
-    "Cost",
     "Derived",
     "Effect",
     "EffectError",
@@ -62,7 +60,6 @@ __all__ = [
     "Parameter",
     "Parts",
     "PerAxisC",
-    "PictureData",
     "Reach",
     "ReferenceConditions",
     "Scan",

@@ -183,7 +183,7 @@ class StatedNumbers:
         return chi_square + (value - self.shape[0]) ** 2 / (2 * self.shape[1] ** 2), freedom + 1
 
 
-# How an effect is plotted: the name of a built-in pair of panels, or a function that draws its own from plain data.
+# How an effect is plotted: the name of a pair of panels.
 
 #: pairs of panels: the mismatch in the stills or in the turns, and a second view of it
 STILLS, TURNS = "stills", "turns"
@@ -201,38 +201,6 @@ PAIRS = (
 )
 #: conditions that only turns have
 OF_TURNS = ("rate", "angular acceleration", "vibration")
-
-
-@dataclass(frozen=True, eq=False)
-class PictureData:
-    """Input of an effect's own picture: Q stills and S segments of one explained recording; SI, in the sensor's axes.
-
-    theta (P,); parameters and std as in the JSON; variable, unit: the effect's conditions in display units, its mean in each
-    still of_stills (Q,) and its maximum in each segment of_segments (S,); stills_s (Q,) s, the middle of each still;
-    before, after (Q, 3) rad/s: residual rate in each still, without the effect and with it; predicted (Q, 3) rad/s: the effect's
-    contribution in each still; numbers (S,) of the segments; closure_predicted, closure_recorded (S, d) rad: predicted and measured
-    contribution to the closure of each segment; floor_rad: rms closure that noise alone leaves.
-    """
-
-    theta: np.ndarray
-    parameters: dict
-    std: dict
-    variable: str
-    unit: str
-    of_stills: np.ndarray
-    of_segments: np.ndarray
-    stills_s: np.ndarray
-    before: np.ndarray
-    after: np.ndarray
-    predicted: np.ndarray
-    numbers: np.ndarray
-    closure_predicted: np.ndarray
-    closure_recorded: np.ndarray
-    floor_rad: float
-
-
-#: (data, left panel, right panel) -> None; ``tinygc.reporting.drawing.Panel``
-OwnPicture = Callable[[PictureData, Any, Any], None]
 
 
 # The record of an effect; all that the other parts of the tool know of one effect is in it.
@@ -275,7 +243,7 @@ class Effect:
     it follows, which no residual shows; it widens the stated std; gauge_convention: what the closure does not determine;
     occurs: for a register effect, the parameter that contains the times.
 
-    Use.  conditions: variable and unit that it is plotted and located along; picture: a name of ``PAIRS`` or a function;
+    Use.  conditions: variable and unit that it is plotted and located along; picture: a name of ``PAIRS``;
     of_readings: the same effect acting on the readings, after the linear errors; ``on_readings``: whether this is that form.
     wider: the same cause with more numbers.  Model selection compares these forms with the effect.
     reference_conditions: full scale and temperature of its constants, where it is tested.
@@ -308,7 +276,7 @@ class Effect:
     passes: int | None = None
     basis: Callable[[Movement], np.ndarray] | None = None
     bends: Callable[[Movement], np.ndarray] | None = None
-    picture: str | OwnPicture | None = None
+    picture: str | None = None
     device: DeviceCode = NONE
     linear_in: str | None = None
     stated: StatedNumbers | None = None
@@ -337,8 +305,7 @@ class Effect:
         counted = self.passes is None or (type(self.passes) is int and 1 <= self.passes <= MOST_PASSES)
         self._require(counted, "passes", f"a number from 1 to {MOST_PASSES}, or None")
         self._require(isinstance(self.device, DeviceCode), "device", "a PerAxisC, MatrixC, StageC or NoC")
-        named = self.picture is None or callable(self.picture) or self.picture in PAIRS
-        self._require(named, "picture", f"a function, or one of {', '.join(PAIRS)}")
+        self._require(self.picture is None or self.picture in PAIRS, "picture", f"one of {', '.join(PAIRS)}")
         size = {None: self.parameter.size, "force": 9, "temperature": 3}.get(self.linear_in)
         self._require(size == self.parameter.size, "linear_in", f"one of {', '.join(LINEAR_IN)}, of 9 or 3 parameters")
 
@@ -435,7 +402,7 @@ class Effect:
         return replace(self, equation=equation, on_readings=True, shape={**self.shape, "of": READINGS})
 
     @property
-    def pair(self) -> str | OwnPicture:
+    def pair(self) -> str:
         """Return its picture: the one declared, or a default for where it is observable; stills do not show what only turns have."""
         turning = self.conditions is not None and self.conditions[0] in OF_TURNS
         return self.picture or (STILLS if "still" in self.observable_in and not turning else TURNS)

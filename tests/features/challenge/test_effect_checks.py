@@ -56,7 +56,7 @@ def _other_c(device) -> StageC:
     """Its C with the opposite sign, and the NumPy that belongs to it."""
     stage = device.stage(np.ones(3), Conditions(1.0, 1.0, 25.0))
     body = stage.body.replace("w = r[i] -", "w = r[i] +")
-    return StageC(stage.formula, body, lambda theta, known: {device.name: theta}, stage.numpy, stage.cost)
+    return StageC(stage.formula, body, lambda theta, known: {device.name: theta}, stage.numpy)
 
 
 STEP, DEVICE = catalogue()["gyro.bias_step"], ASYMMETRY.device

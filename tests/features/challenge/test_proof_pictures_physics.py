@@ -9,8 +9,9 @@ import pytest
 from tinygc.effects import catalogue
 from tinygc.effects.effect import TURNS
 from tinygc.features.challenge.proofs import _explanation_of, _inject, fitted
+from tinygc.noise.twin import variable_of
 from tinygc.reporting.html.sections.explanation import section
-from tinygc.reporting.pictures.values import _per_turn, per_parameter, variable_for
+from tinygc.reporting.pictures.values import _per_turn, per_parameter
 
 FS = 500.0  #: dps
 
@@ -33,7 +34,7 @@ def test_each_turn_is_on_the_law_that_was_put_in_and_the_report_draws_it(known):
     """The fit's own error moves all turns of an axis alike.  A law that is a tenth larger is too far off, on one axis at least."""
     e, claim, truth = known
     for axis in range(3):
-        of = _per_turn(e, claim, "scale", axis, variable_for(e, claim))
+        of = _per_turn(e, claim, "scale", axis, variable_of(claim.effect, claim.theta))
         assert len(of.x) >= 6
         assert rms((of.before - truth[axis] * (of.x / FS) ** 2) / of.sigma) < 2.0
         assert 0.6 < rms(of.after / of.sigma) < 1.4  # the bars are the noise

@@ -21,7 +21,6 @@ from tinygc.reporting.pictures.values import (
     rates_per_still,
     recorded_in_stills,
     value_text,
-    variable_for,
 )
 
 BEYOND = "rate beyond the prediction (mdps)"
@@ -59,7 +58,7 @@ def along(e: Explanation, claim: Claim) -> Panel:
 
     "Before" excludes the rest of the fit, including the other columns of a matrix.
     """
-    values, variable, effect = claim.theta, variable_for(e, claim), claim.effect
+    values, variable, effect = claim.theta, variable_of(claim.effect, claim.theta), claim.effect
     is_attitude = variable.variable == "attitude"
     own = is_attitude and values.size == 3
     if is_attitude and values.size == 9:

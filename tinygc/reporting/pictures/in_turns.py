@@ -12,6 +12,7 @@ from tinygc.estimation.bias import tilt_rms
 from tinygc.explanation.claims import Claim
 from tinygc.explanation.engine import Explanation
 from tinygc.noise.turn_gravity import velocity_equations
+from tinygc.noise.twin import variable_of
 from tinygc.reporting.drawing import Axis, Panel, to_one_scale
 from tinygc.reporting.pictures.values import (
     axis_laws,
@@ -20,7 +21,6 @@ from tinygc.reporting.pictures.values import (
     per_parameter,
     strongest,
     value_text,
-    variable_for,
 )
 
 # Closure of each segment.
@@ -117,7 +117,7 @@ def _turn_pair(
 
 def along(e: Explanation, claim: Claim) -> Panel:
     """Draw closure before and after, over the segment's largest value of the variable."""
-    variable = variable_for(e, claim)
+    variable = variable_of(claim.effect, claim.theta)
     x, numbers = variable.of_segments(e.twin), [segment.number for segment in e.twin.segments]
     axes = Axis(f"greatest {variable.words} in the segment ({variable.units})"), Axis("held-out closure (°)", log=True)
     panel = Panel(*axes, "Where it lives: closure of each segment").across(e.proof.floor_rms / DEG, name="noise floor")

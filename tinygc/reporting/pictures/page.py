@@ -1,7 +1,6 @@
 """The picture of an explanation: each cause in its pair of panels, closure per segment, and the stills over time.
 
-An effect names its pair (``tinygc.effects.effect``), or draws its own from plain data.  By default an effect that adds to the rates is
-drawn along its variable.
+An effect names its pair (``tinygc.effects.effect``).  By default an effect that adds to the rates is drawn along its variable.
 """
 
 from __future__ import annotations
@@ -11,14 +10,13 @@ from functools import partial
 
 import numpy as np
 
-from tinygc.effects import EffectError, effect
+from tinygc.effects import effect
 from tinygc.explanation.claims import Claim
 from tinygc.explanation.engine import Explanation
 from tinygc.explanation.result import is_refitted
 from tinygc.noise.channels import own_residuals
 from tinygc.reporting.drawing import Axis, Panel, Picture
 from tinygc.reporting.pictures import in_stills, in_turns, registers
-from tinygc.reporting.pictures.values import picture_data
 
 MOST_ROWS = 4  #: number of causes drawn, strongest first
 
@@ -49,19 +47,8 @@ PAIRS: dict[str, Pair] = {
 
 
 def pair_of(e: Explanation, claim: Claim) -> tuple[Panel, Panel]:
-    """Draw the mismatch and a second view of it.  EffectError, with the function's message, if an effect's own picture fails."""
-    own = effect.TURNS if claim.effect.pair == effect.STILLS and not e.twin.stills else claim.effect.pair
-    if isinstance(own, str):
-        return PAIRS[own](e, claim)
-    left, right = Panel(), Panel()
-    try:
-        own(picture_data(e, claim), left, right)
-    except Exception as error:
-        what = " ".join(str(error).split())
-        raise EffectError(
-            f"{claim.effect.id}: its picture cannot be drawn: {type(error).__name__}: {what}; --no-pictures goes on"
-        ) from None
-    return left, right
+    """Draw the mismatch and a second view of it."""
+    return PAIRS[effect.TURNS if claim.effect.pair == effect.STILLS and not e.twin.stills else claim.effect.pair](e, claim)
 
 
 def drawable(e: Explanation) -> list[Claim]:

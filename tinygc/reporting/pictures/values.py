@@ -1,4 +1,4 @@
-"""Numbers behind the pictures: channels, laws, estimates of each turn, data for an effect's own picture."""
+"""Numbers behind the pictures: channels, laws, estimates of each turn."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from session.base import rotation
 from session.base.texts import measured
 from session.base.units import DEG
 from tinygc.closure.residual import closure_angles
-from tinygc.effects import Effect, Movement, PictureData
+from tinygc.effects import Effect, Movement
 from tinygc.effects.effect import ENERGY_LAW, SCALE_LAW
 from tinygc.explanation.claims import Claim
 from tinygc.explanation.engine import Explanation
@@ -59,11 +59,6 @@ def value_text(claim: Claim, entry: int) -> str:
 #
 # The fit contains all effects that are drawn against a variable, named or not.  So its residuals are "after"; with the effect's
 # contribution added back they are "before".
-
-
-def variable_for(e: Explanation, claim: Claim) -> Variable:
-    """The variable against which a claim is drawn."""
-    return variable_of(claim.effect, claim.theta)
 
 
 def rates_per_still(e: Explanation) -> tuple[np.ndarray, np.ndarray]:
@@ -339,8 +334,8 @@ class AxisLaws:
 
 def axis_laws(e: Explanation, claim: Claim) -> AxisLaws | None:
     """Laws of an effect whose picture needs them.  None if it has no parameter per axis, or if no constant movement has the law."""
-    variable, pair = variable_for(e, claim), claim.effect.pair
-    if not isinstance(pair, str) or pair not in CARRIED:
+    variable, pair = variable_of(claim.effect, claim.theta), claim.effect.pair
+    if pair not in CARRIED:
         return None
     if claim.effect.parameter.size != 3 or claim.effect.reach or variable.variable == "angular acceleration":
         return None
@@ -372,31 +367,3 @@ def _curve(e: Explanation, claim: Claim, carrier: str, variable: Variable, axis:
         return np.zeros(0), np.zeros(0)
     at = np.linspace(low, high, POINTS)
     return at, at_constant(claim.effect, claim.theta, e.twin.movements[0], variable, axis, at, per_rate=carrier == "scale")
-
-
-# An effect that draws its own picture gets plain arrays and two panels.
-
-
-def picture_data(e: Explanation, claim: Claim) -> PictureData:
-    """Plot data of a claim that adds to the rates."""
-    variable, (before, after) = variable_for(e, claim), rates_per_still(e)
-    # Contribution of an effect to the closure of each segment, (S, d) rad, to first order, and the recorded part it should explain.
-    added = -e.replay.columns(claim.effect).closure @ claim.theta
-    closure_predicted, closure_recorded = added, e.twin.residuals(e.naming.fit.state, e.replay.rates).closure + added
-    return PictureData(
-        theta=claim.theta,
-        parameters=claim.parameters,
-        std=claim.std,
-        variable=variable.words,
-        unit=variable.units,
-        of_stills=variable.of_stills(e.twin),
-        of_segments=variable.of_segments(e.twin),
-        stills_s=Variable("time").of_stills(e.twin),
-        before=before * DEG,
-        after=after * DEG,
-        predicted=added_in_stills(e, claim) * DEG,
-        numbers=np.array([segment.number for segment in e.twin.segments]),
-        closure_predicted=closure_predicted,
-        closure_recorded=closure_recorded,
-        floor_rad=float(e.proof.floor_rms),
-    )

@@ -23,8 +23,7 @@ def section(evidence: ReportData) -> Section | None:
     e = evidence.explanation
     if e is None:
         return None
-    # The strongest cause whose picture the page can draw; one that draws its own may fail.
-    drawn = next((claim for claim in drawable(e) if isinstance(claim.effect.pair, str)), None)
+    drawn = next(iter(drawable(e)), None)  # the strongest cause
     panels = [*(pair_of(e, drawn) if drawn is not None else (in_time(e),) if e.twin.stills else ())]
     panels += [*(() if e.shown is None else e.shown.panels), *([proof_panel(e)] if e.proof.changed else [])]
     tried = sorted({effect.id for effect in candidates(e.twin)} - {claim.effect.id for claim in e.claimed})

@@ -110,7 +110,6 @@ WRITERS = {
     "a result": Writer(lambda folder: write_whole(folder / "fit.json", {"a": [1.5] * 9}), written("fit.json", "{}\n")),
     "a new text": Writer(lambda folder: write_text_whole(folder / "page.html", "<p>\n" * 9000)),
     "a picture": Writer(lambda folder: saved(Picture([Panel()]), folder / "page.svg"), written("page.svg", "old")),
-    "a picture of pixels": Writer(lambda folder: saved(Picture([Panel()]), folder / "page.png"), written("page.png", "old")),
     "an applied log": Writer(applied("out.csv"), written("out.csv", "old")),
     "a packed log": Writer(applied("out.csv.gz"), written("out.csv.gz", "old")),
     "import": Writer(imported(), written("card.csv", LOG), folder=True),

@@ -146,7 +146,7 @@ class Why(Shown):
         return headline(self.explanation)[0]
 
     def plot(self, path: Path | str | None = None) -> Picture:
-        """Draw the picture; path: an SVG to write, or a PNG, which needs matplotlib."""
+        """Draw the picture; path: an SVG to write."""
         return saved(self._picture(), path)
 
     def _picture(self) -> Picture:

@@ -150,8 +150,7 @@ class Fit(Shown):
 
     @public()
     def plot(self, path: Path | str | None = None) -> Picture:
-        """Draw the closure of each segment, raw and calibrated, and the sensor errors with their sigmas; path: an SVG to write, or a PNG,
-        which needs matplotlib."""
+        """Draw the closure of each segment, raw and calibrated, and the sensor errors with their sigmas; path: an SVG to write."""
         from tinygc.reporting.drawing import saved
         from tinygc.reporting.pictures.fit import picture_of_fit
 

@@ -142,7 +142,7 @@ class Kept(Shown):
     figure: Any
 
     def plot(self, path: Path | str | None = None) -> Any:
-        """Draw the picture; path: an SVG to write, or a PNG, which needs matplotlib."""
+        """Draw the picture; path: an SVG to write."""
         from tinygc.reporting.drawing import saved
 
         return saved(self.figure(), path)

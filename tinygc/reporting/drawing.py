@@ -1,12 +1,11 @@
-"""Drawing: panels declared in the units of their data, laid out once in pixels, and written as SVG or, from the same shapes, as PNG.
+"""Drawing: panels declared in the units of their data, laid out once in pixels, and written as SVG.
 
 A panel has two axes and marks: lines, points with their sigmas and names, areas, words.  A picture is a grid of panels.  Where limits,
-ticks, margins and legends stand follows from the data and from the width.  matplotlib is needed for a PNG alone, as its canvas.
+ticks, margins and legends stand follows from the data and from the width.
 """
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from math import ceil, floor, log10
@@ -18,11 +17,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from session.base.errors import CalibrationError
-from session.base.results import whole, write_text_whole
-from session.base.texts import fixed, install_line, print_minus
+from session.base.results import write_text_whole
+from session.base.texts import fixed, print_minus
 from tinygc.reporting.html.markup import escape
 
-# Colours and styles, of which the style sheet of pages and of SVG files is made, and the PNG.
+# Colours and styles, of which the style sheet of pages and of SVG files is made.
 
 #: name -> colour in light and in dark; what carries words has a contrast of at least 4.5 with the page
 COLOURS = {
@@ -67,7 +66,7 @@ STYLES: dict[str, tuple[float, tuple[int, ...], float]] = {
 }
 #: style of a text -> its size in px, whether it is bold
 TEXTS = {"tick": (12, False), "word": (12, False), "strong": (13, True), "head": (16, True)}
-#: width of a letter in its size, for room; of the fonts of pages and of matplotlib the widest
+#: width of a letter in its size, for room; of the fonts of pages the widest
 LETTER = 0.57
 
 
@@ -534,24 +533,11 @@ class Picture:
         return self.svg(FILE_WIDTH, MARGIN, f"<style>{style_sheet()}\n{letters}</style>")
 
     def save(self, path: Path) -> None:
-        """Write an SVG file, or a PNG where the path ends so, in a folder that is made where it is missing.
-
-        Raises CalibrationError for a PNG without matplotlib, after writing an SVG in its place; StorageError where it cannot be written.
-        """
-        if path.is_dir():
-            raise CalibrationError(f"{path}: that is a folder; give a file")
+        """Write an SVG file in a folder that is made where it is missing.  Raises StorageError where it cannot be written."""
+        if path.is_dir() or path.suffix.lower() != ".svg":
+            raise CalibrationError(f"{path}: {'that is a folder' if path.is_dir() else 'a picture is an SVG'}; give a file such as fit.svg")
         path.parent.mkdir(parents=True, exist_ok=True)
-        if path.suffix.lower() != ".png":
-            write_text_whole(path, self._repr_svg_() + "\n")
-            return
-        try:
-            import matplotlib.figure as canvas
-        except ImportError:
-            instead = path.with_suffix(".svg")
-            write_text_whole(instead, self._repr_svg_() + "\n")
-            install = install_line("plot", "matplotlib>=3.8")
-            raise CalibrationError(f"{path}: a PNG needs matplotlib ({install}); {instead.name} is written instead") from None
-        _save_png(canvas.Figure, *self.shapes(FILE_WIDTH - 2 * MARGIN), path)
+        write_text_whole(path, self._repr_svg_() + "\n")
 
 
 def saved(picture: Picture, path: Path | str | None) -> Picture:
@@ -600,46 +586,3 @@ def _svg(shape: Shape) -> str:
     box = f"{_px(left)} {_px(top)} {_px(right - left)} {_px(bottom - top)}"
     x, y, width, height = box.split()
     return f'<svg x="{x}" y="{y}" width="{width}" height="{height}" viewBox="{box}">{drawn}</svg>'
-
-
-#: pixels of a PNG for one of the layout
-SHARP = 1.5
-
-
-def _save_png(figure_type: Any, shapes: Sequence[Shape], height: float, path: Path) -> None:
-    """Write shapes with matplotlib: a figure with one axes, whose units are the layout's pixels."""
-    from matplotlib.patches import Rectangle
-    from matplotlib.patheffects import withStroke
-
-    figure = figure_type((FILE_WIDTH / 100, (height + 2 * MARGIN) / 100), dpi=100 * SHARP)
-    axes = figure.add_axes((0, 0, 1, 1), xlim=(-MARGIN, FILE_WIDTH - MARGIN), ylim=(height + MARGIN, -MARGIN))
-    axes.axis("off")
-    point = 72 / 100  # of a pixel
-    for shape in shapes:
-        colour = COLOURS[shape.kind][0]
-        if shape.style in TEXTS:
-            size, bold = TEXTS[shape.style]
-            where, weight = {"start": "left", "middle": "center", "end": "right"}[shape.anchor], "bold" if bold else "normal"
-            halo = [withStroke(linewidth=2.5, foreground=COLOURS["page"][0])] if shape.style == "word" else []
-            how = {"color": colour, "size": size * point, "ha": where, "weight": weight, "path_effects": halo}
-            axes.text(*shape.parts[0][0], shape.labels[0], parse_math=False, **how)
-            continue
-        width, dash, opacity = STYLES[shape.style]
-        opacities = np.ones(len(shape.parts[0])) if shape.opacity is None else shape.opacity
-        if shape.radius:
-            fill = COLOURS["page"][0] if width else colour
-            look = {"s": (2 * shape.radius * point) ** 2, "c": fill, "edgecolors": colour, "linewidths": width * point}
-            axes.scatter(*shape.parts[0].T, alpha=opacity * opacities, zorder=2, **look)
-            continue
-        for part, own in zip(shape.parts, opacities, strict=False):
-            if width:
-                style = (0, tuple(np.array(dash) * point / width / point)) if dash else "-"
-                drawn = axes.plot(*part.T, color=colour, lw=width * point, ls=style, alpha=opacity * own, zorder=2)
-            else:
-                drawn = axes.fill(*part.T, color=colour, lw=0, alpha=opacity * own, zorder=2)
-            if shape.clip is not None:
-                left, top, right, bottom = shape.clip
-                drawn[0].set_clip_path(Rectangle((left, top), right - left, bottom - top, transform=axes.transData))
-    with whole(path) as file, warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message="Glyph .* missing from")
-        figure.savefig(file, format="png")

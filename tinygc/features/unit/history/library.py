@@ -78,7 +78,7 @@ class History(Kept):
         return page(self.units, self.outlooks, self.remarks)
 
     def plot(self, path: Path | str | None = None, unit: int = 0) -> Picture:
-        """Draw the numbers of a unit over the dates; path: an SVG to write, or a PNG, which needs matplotlib."""
+        """Draw the numbers of a unit over the dates; path: an SVG to write."""
         return saved(picture_of(self.units[unit]), path)
 
     def save(self, folder: Path | str, pictures: bool = True) -> Any:

@@ -1,5 +1,6 @@
 """What a person changes of a recording in session.toml: a turn left out, a still left out, a still's ends moved; and taken back."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,15 +9,16 @@ from conftest import writable_copy
 
 from calibrate import main
 from session.base.errors import FormatError
-from session.base.units import NS
+from session.base.units import DEG, NS
 from session.detect.first_look import check_folder
-from session.detect.stills import SessionStills, measure
+from session.detect.stills import SessionStills, _problem, measure
 from session.log.config import LeftOut, StillByHand
 from session.log.folder import add_by_hand, read_session, remove_by_hand
 from tinygc.closure.prepared import prepare
 from tinygc.estimation.options import FitOptions
 from tinygc.explanation.data_repair import without_creeping
 from tinygc.fitting.fit import fit_session
+from tinygc.reporting.view.content import Recording
 
 SESSION = Path(__file__).resolve().parent.parent / "data" / "session1"
 LOG = "log0001.csv.gz"
@@ -96,6 +98,26 @@ def test_moved_ends_are_those_of_the_still(folder, untouched):
     assert prepared.problem.segments[9].first is moved
     assert [f.description for f in prepared.warnings] == ["the ends of 1 still moved by hand (session.toml)"]
     assert not np.array_equal(prepared.problem.first.vector, untouched.problem.first.vector)
+
+
+@pytest.mark.parametrize(("longer_s", "why"), [(0.05, None), (0.3, "moves: its readings scatter "), (1.0, "moves: its readings scatter ")])
+def test_a_still_moved_into_a_movement_is_none(folder, untouched, longer_s, why):
+    """Where the detector found none either: at once on the page, and in each command."""
+    first, last = times(untouched.problem, 9)
+    add_by_hand(folder / "session.toml", StillByHand(LOG, (first + last) / 2, first, last + longer_s))
+    (shown,) = (each for each in Recording(read_session(folder)).content()["stills"] if each["by_hand"])
+    assert (shown["problem"] or "").startswith(why or "none") == (why is not None)
+    warned = [f.description for f in prepare(folder).warnings if f.what == "not still"]
+    assert warned == ([f"1 of 41 are no reference: still 9 at {first:.1f} s {shown['problem']}"] if why else [])
+
+
+def test_a_still_that_turns_steadily_or_creeps_is_none(untouched):
+    """Readings as in the still that was found, at another rate about the vertical, or with gravity in motion."""
+    problem, still = untouched.problem, untouched.problem.stills[9]
+    turning = replace(still, gyro_mean=still.gyro_mean + np.array([0, 0, 4 * DEG]))
+    creeping = replace(still, tilt_rate=np.array([0, 0.05 * DEG, 0]))
+    found = [_problem(each, still, problem.stills, problem.noise) for each in (still, turning, creeping)]
+    assert found == [None, "turns at a steady 4.0 dps", "creeps 0.050 dps about y (gravity moves in it)"]
 
 
 BAD = {

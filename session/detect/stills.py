@@ -339,12 +339,15 @@ def _settled(samples: Samples, run: list[tuple[int, int]], size: int, noise: Noi
         length = sum(stop - start for start, stop in run)
         cut = max(1, length // 10)
         if length - cut < max(shortest, 3):
-            axis = "xyz"[int(np.argmax(np.abs(whole.tilt_rate)))]
-            rate = np.linalg.norm(whole.tilt_rate) / DEG
-            return replace(whole, problem=f"creeps {rate:.3f} dps about {axis} (gravity moves in it)")
+            return replace(whole, problem=_creep_words(whole))
         ends = [_without_end(run, cut, at_start) for at_start in (True, False)]
         run, still = min(((end, measure(samples, end, size)) for end in ends), key=lambda pair: _horizontal_rate(pair[1], zero_rate))
     return still
+
+
+def _creep_words(still: Still) -> str:
+    axis = "xyz"[int(np.argmax(np.abs(still.tilt_rate)))]
+    return f"creeps {np.linalg.norm(still.tilt_rate) / DEG:.3f} dps about {axis} (gravity moves in it)"
 
 
 def _horizontal_rate(still: Still, zero_rate: np.ndarray) -> float:
@@ -457,7 +460,7 @@ def still_at(stills: Sequence[Still], samples: Samples, at_s: float) -> int | No
     return next((i for i, s in enumerate(stills) if samples.t_ns[s.start] * NS <= at_s <= samples.t_ns[s.stop - 1] * NS), None)
 
 
-def changed_by_hand(samples: Samples, stills: list[Still], rows: Sequence[StillByHand], where: str) -> list[Still]:
+def changed_by_hand(samples: Samples, stills: list[Still], noise: Noise | None, rows: Sequence[StillByHand], where: str) -> list[Still]:
     """The stills of one log, in their order: with the ends that a person gave them, or left out.  Raises FormatError, which begins with
     ``where``, for a row that means no still, or for ends that none can have."""
     changed, least = list(stills), block_size(samples.period_s)
@@ -476,11 +479,24 @@ def changed_by_hand(samples: Samples, stills: list[Still], rows: Sequence[StillB
         if outside or stop - start < least:
             why = "outside of the log" if outside else f"shorter than {least * samples.period_s:.2g} s"
             raise FormatError(f"{at}: from {row.from_s:.2f} to {row.to_s:.2f} s is {why}; correct from_s and to_s")
-        changed[number] = measure(samples, [(start, stop)], 1)
+        moved = measure(samples, [(start, stop)], 1)
+        changed[number] = replace(moved, problem=_problem(moved, stills[number], stills, noise))
     for before, after in pairwise(changed):
         if after.start < before.stop:
             raise FormatError(f"{where}: two stills overlap at {samples.t_ns[after.start] * NS:.2f} s; correct from_s and to_s")
     return changed
+
+
+def _problem(moved: Still, found: Still, stills: Sequence[Still], noise: Noise | None) -> str | None:
+    """Why a still with other ends is no reference, by what ``find_stills`` requires."""
+    for what, bar in (("gyro", QUIET_VARIANCE_RATIO), ("accel", QUIET_ACCEL_RATIO)):
+        scatter, still = (getattr(each, f"{what}_std") ** 2 for each in (moved, found))
+        if (times := float((scatter / np.maximum(still, np.finfo(float).tiny)).mean())) > bar:
+            return f"moves: its readings scatter {np.sqrt(times):.0f} times as much as where it was found"
+    off = float(np.abs(moved.gyro_mean - np.median([still.gyro_mean for still in stills], axis=0)).max())
+    if off > TURNING_RPS:
+        return f"turns at a steady {off / DEG:.1f} dps"
+    return _creep_words(moved) if noise is not None and _creep(moved, moved, moved.gyro_mean, noise) else None
 
 
 EDGE_S = 1e-6  #: a log's own end, as a decimal number has it
@@ -560,7 +576,7 @@ class SessionStills:
         stills, noise = find_stills(samples, config.protocol.still_s)
         rows = [row for row in config.still if row.log.removesuffix(".gz") == log.path.name.removesuffix(".gz")]
         where = f"{self._session.folder / 'session.toml'}: [[still]] of {log.path.name}"
-        mine = changed_by_hand(samples, stills, rows, where) if rows else stills
+        mine = changed_by_hand(samples, stills, noise, rows, where) if rows else stills
         found = LogStills(samples, mine, noise, config.protocol.still_s, stills if rows else None)
         self._found.append((log, found))
         return found

@@ -9,6 +9,7 @@ from conftest import writable_copy
 
 from calibrate import main
 from session.base.errors import FormatError
+from session.base.records import plain
 from session.base.units import DEG, NS
 from session.detect.first_look import check_folder
 from session.detect.stills import SessionStills, _problem, measure
@@ -18,6 +19,7 @@ from tinygc.closure.prepared import prepare
 from tinygc.estimation.options import FitOptions
 from tinygc.explanation.data_repair import without_creeping
 from tinygc.fitting.fit import fit_session
+from tinygc.fitting.fit_file import segments_table
 from tinygc.reporting.view.content import Recording
 
 SESSION = Path(__file__).resolve().parent.parent / "data" / "session1"
@@ -93,6 +95,8 @@ def test_moved_ends_are_those_of_the_still(folder, untouched):
     moved = prepared.problem.stills[9]
     assert (moved.start, moved.stop) == (still.start + 70, still.stop)
     assert moved.bumps == 0
+    (stated,) = plain(segments_table(prepared.problem))["stills_by_hand"]
+    assert stated == {"log": LOG, "at_s": (first + last) / 2, "from_s": float(t_ns[still.start + 70] * NS), "to_s": last}
     samples = prepared.problem.logs[0].samples
     np.testing.assert_array_equal(moved.gyro_mean, measure(samples, [(still.start + 70, still.stop)], 1).gyro_mean)
     assert prepared.problem.segments[9].first is moved

@@ -113,12 +113,13 @@ def to_json(result: FitResult, limit_deg: float | None = None) -> dict:
 
 
 def segments_table(problem: Problem) -> dict:
-    """Return which segments there are, and why one is not used."""
+    """Return which segments there are, why one is not used, and the stills between them that a person changed."""
     return {
         "found": len(problem.segments),
         "used": len(problem.used),
         "rejected": [{"segment": each.number, "why": each.problem} for each in problem.segments if not each.accepted],
         "notes": [{"segment": each.number, "note": each.note} for each in problem.segments if each.accepted and each.note],
+        "stills_by_hand": problem.session.config.still,
     }
 
 

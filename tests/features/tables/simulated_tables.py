@@ -1,4 +1,4 @@
-"""What a session of a table would observe, drawn without its samples, for questions of statistics; and recordings of rate steps and swings.
+"""What a session of a table would observe, drawn without its samples, for questions of statistics; and recordings of rate steps.
 
 The truth is exact (``true_attitudes``) at the edges of equal blocks; the sensor's noise and effects are those of its means over
 them.
@@ -209,7 +209,7 @@ def draw(summary: Summary, seed: int) -> Observed:
     )
 
 
-# Rate steps and swings of one axis.
+# Rate steps of one axis.
 
 
 ODR_HZ, ANSWERS_HZ = 104.0, 50.0
@@ -251,23 +251,6 @@ def unit(scale: float = 1.0, odr_hz: float = ODR_HZ) -> SimulatedUnit:
     return SimulatedUnit(np.eye(3) / scale, np.zeros(3), np.eye(3), np.zeros(3), np.zeros(3), odr_hz, 0.0)
 
 
-class Swings:
-    """A track that swings at one frequency after the other, a rest between."""
-
-    def __init__(self, frequencies_hz, seconds, amplitude_dps=30.0):
-        self.plan = [(1.0 + n * (seconds + 1.0), f) for n, f in enumerate(frequencies_hz)]
-        self.seconds, self.amplitude = seconds, amplitude_dps * DEG
-        self.ends_s = self.plan[-1][0] + seconds + 1.0
-
-    def reported(self, t_s):
-        found = np.zeros(len(t_s))
-        for begin, f in self.plan:
-            whole_s = np.floor(self.seconds * f) / f  # whole cycles, so that it ends where it began
-            since = np.clip(t_s - begin, 0, whole_s)
-            found += self.amplitude / (2 * np.pi * f) * (1 - np.cos(2 * np.pi * f * since))
-        return found
-
-
 def steps(rates_dps, dwell_s: float) -> tuple[AxisTrack, float]:
     """A track that turns at one rate after the other; and when it ends, s."""
     track, t_s = AxisTrack(), 1.0
@@ -285,11 +268,10 @@ def record(
     *,
     scale=1.0,
     distort=None,
-    latency_s=0.0,
     noise=5.0,
     limits="",
 ):
-    """Write the folder of a recording; latency_s: by which its angles are late."""
+    """Write the folder of a recording."""
     folder.mkdir(parents=True, exist_ok=True)
     options = SimulationOptions(seed=1, gyro_noise_dps_rthz=noise * 1e-3, odr_hz=ODR_HZ, gyro_fs_dps=500, bias_instability_dph=0.0)
     motion = motion_on(TABLE, TableErrors((AxisErrors(),)), [track], options, unit(scale))
@@ -301,7 +283,7 @@ def record(
     (folder / "table.toml").write_text(TOML + limits)
     rng = np.random.default_rng(1)
     t_s = np.arange(0.0, ends_s - 0.1, 1 / ANSWERS_HZ)
-    reported = track.reported(t_s - latency_s) + 0.002 * DEG * rng.normal(size=len(t_s))
+    reported = track.reported(t_s) + 0.002 * DEG * rng.normal(size=len(t_s))
     rows = [row("rates0001.csv", round(s * 1e6), None, True, [angle]) for s, angle in zip(t_s.tolist(), reported, strict=True)]
     (folder / "table.csv").write_text("\n".join([header(TABLE), *rows, ""]))
     return folder

@@ -1,19 +1,15 @@
-"""Rates from files: points of a CSV, settled means and swings of a recording, and the response of a sweep, exactly."""
+"""Rates from files: points of a CSV, and settled means of a recording."""
 
 import numpy as np
 import pytest
 from imperfect_tables import AxisTrack
-from scipy.special import gammaln
-from simulated_tables import DOWN, Swings, record, steps
+from simulated_tables import DOWN, record, steps
 
-import tinygc
-from session.base.errors import DataError, FormatError
+from session.base.errors import FormatError
 from session.base.units import DEG
 from tinygc.features.tables.feature import Columns
-from tinygc.features.tables.rates import sweep
 from tinygc.features.tables.rates.points import points_of, read_points
 from tinygc.features.tables.rates.recording import read_recording
-from tinygc.features.tables.rates.sweep import Response, fit_response, read_response, transfer
 
 STEPPED = (-120, -60, 0, 60, 120)
 
@@ -118,7 +114,7 @@ def stepped(tmp_path_factory):
 
 
 def test_rates_and_means_of_settled_dwells(stepped):
-    (points,), _, _ = read(stepped)
+    (points,), _ = read(stepped)
     moved = np.abs(points.rate_dps) > 1
     assert points.rate_dps[moved] == pytest.approx([r for r in (*STEPPED, *STEPPED[-2::-1]) if r], abs=2e-3)
     errors = (points.output - points.output[~moved].mean() - 1.01 * points.rate_dps) / points.sigma
@@ -138,7 +134,7 @@ def test_a_way_back_to_a_limit_is_no_dwell(tmp_path):
         track.turn_to(t_s + 8.0, -170 * DEG, 80 * DEG, DOWN.acceleration_rps2)
         t_s += 14.0
     record(tmp_path, track, t_s, limits="least_deg = -170\nmost_deg = 170\n")
-    (points,), _, _ = read(tmp_path)
+    (points,), _ = read(tmp_path)
     assert sorted(set(points.rate_dps.round())) == [0, 10, 20, 40]
 
 
@@ -150,21 +146,9 @@ def test_means_are_over_whole_turns(tmp_path):
         return rate + np.deg2rad(2) * np.sin(track.reported(t_s))[:, None] * [0, 0, 1]
 
     record(tmp_path, track, ends_s, distort=distort, noise=0.5)
-    (points,), _, _ = read(tmp_path)
+    (points,), _ = read(tmp_path)
     moved = points.rate_dps > 1
     assert points.output[moved] == pytest.approx(points.rate_dps[moved], abs=0.01)
-
-
-def test_bandwidth_and_delay_of_a_swing(tmp_path):
-    track = Swings([1.0, 2.0, 4.0, 8.0, 12.0], 4.0)
-    record(tmp_path, track, track.ends_s, latency_s=0.02)
-    (sweep,) = tinygc.estimate_rates(tmp_path).sweeps
-    assert sweep.response.frequency_hz == pytest.approx([1, 2, 4, 8, 12], rel=1e-3)
-    assert sweep.bandwidth_hz == pytest.approx(33.0, abs=4 * sweep.bandwidth_sigma_hz)  # the simulated sensor's filter
-    delay_s, sigma_s = sweep.delay_s
-    assert delay_s == pytest.approx(-0.02, abs=4 * sigma_s)
-    assert sigma_s < 1e-3
-    assert "not declared" in sweep.lines[0]
 
 
 def test_what_a_recording_lacks(tmp_path, stepped):
@@ -177,123 +161,3 @@ def test_what_a_recording_lacks(tmp_path, stepped):
     (tmp_path / "rates0002.csv").write_bytes((stepped / "rates0001.csv").read_bytes())
     with pytest.raises(FormatError, match=r"no angle of rates0002.csv"):
         read(tmp_path)
-
-
-# A response by itself.
-
-
-def response(model, vector, seed=1, sigma=1e-3, f=None):
-    f = np.geomspace(0.5, 60, 8) if f is None else f
-    rng = np.random.default_rng(seed)
-    h = transfer(model, f, np.array(vector)) * (1 + sigma * (rng.normal(size=len(f)) + 1j * rng.normal(size=len(f))))
-    return Response("r", f, np.abs(h), np.angle(h), sigma * np.abs(h), np.full(len(f), sigma))
-
-
-@pytest.mark.parametrize(
-    ("model", "vector", "band"),
-    [("first", [1.02, 0.003, 20.0], 20.0), ("second", [1, 0.001, 25.0, 0.3], 36.30)],
-)
-def test_models_compete_and_give_the_bandwidth(model, vector, band):
-    sweep = fit_response(response(model, vector))
-    assert sweep.model == model
-    assert np.abs(sweep.vector - vector) == pytest.approx(0, abs=4 * np.sqrt(np.diag(sweep.covariance)).max())
-    assert sweep.bandwidth_hz == pytest.approx(band, abs=max(4 * sweep.bandwidth_sigma_hz, 1e-2))
-
-
-def test_transfer_functions_are_those_of_their_orders():
-    f = np.array([5.0, 20, 60])
-    late = 1.5 * np.exp(-2j * np.pi * f * 0.004)
-    assert transfer("first", f, np.array([1.5, 0.004, 20.0])) == pytest.approx(late / (1 + 1j * f / 20))
-    assert transfer("second", f, np.array([1.5, 0.004, 20.0, 0.6])) == pytest.approx(late / (1 + 1.2j * f / 20 - (f / 20) ** 2))
-
-
-def flat_response(top_hz=60.0):
-    return response("flat", [1.0, 0.0], f=np.linspace(top_hz / 60, top_hz, 8))
-
-
-def test_the_sigma_of_a_bandwidth_of_the_second_order_is_that_of_its_slopes():
-    """(f / f0)^2 = a + sqrt(a^2 + 1), a = 1 - 2 zeta^2, where the gain is 0.707."""
-    f0, zeta = 30.0, 0.6
-    a = 1 - 2 * zeta**2
-    band = f0 * np.sqrt(a + np.hypot(a, 1))
-    slope = np.array([0, 0, band / f0, f0**2 / (2 * band) * (1 + a / np.hypot(a, 1)) * -4 * zeta])
-    covariance = np.diag([9.0, 9.0, 0.5**2, 0.01**2])
-    covariance[2, 3] = covariance[3, 2] = 0.002
-    found = sweep._bandwidth(flat_response(), "second", np.array([2.0, 1.0, f0, zeta]), covariance)
-    assert found == (pytest.approx(band), pytest.approx(np.sqrt(slope @ covariance @ slope), rel=1e-5), None)
-    assert np.abs(transfer("second", np.array([band]), np.array([2.0, 0.1, f0, zeta]))) == pytest.approx(np.sqrt(2))
-
-
-@pytest.mark.parametrize(("band", "top_hz", "shows"), [(183.9, 60.0, True), (184.1, 60.0, False), (1e6, 0.05, False)])
-def test_a_bandwidth_shows_where_it_may_be_within_three_times_the_highest_frequency(band, top_hz, shows):
-    """In the last case the gain falls by less than rounding."""
-    found = sweep._bandwidth(flat_response(top_hz), "first", np.array([1.0, 0.0, band]), np.diag([1.0, 1.0, 4.0 if top_hz > 1 else np.inf]))
-    assert found == ((pytest.approx(band), pytest.approx(2.0), None) if shows else (None, None, top_hz))
-
-
-def test_the_probability_of_a_model_is_that_of_any_noise():
-    """A number's prior is as wide as what the flat model leaves; the noise is integrated out."""
-    some = response("first", [1.0, 0.0, 200.0], sigma=0.02, seed=5)
-    left = [(len(x), chi) for x, _, chi in (sweep._fit(some, name) for name in sweep.MODELS)]
-    scores = np.array([(16 - k) * np.log(chi / 2) - 2 * gammaln(8 - k / 2) + k * np.log(left[0][1]) for k, chi in left])
-    assert fit_response(some).probability == pytest.approx(1 / np.sum(np.exp((scores.min() - scores) / 2)), rel=1e-9)
-
-
-def test_sigmas_and_bounds_of_a_csv(tmp_path):
-    def read_rows(header, *rows):
-        (tmp_path / "sweep.csv").write_text("\n".join([header, *rows]))
-        return read_response(tmp_path / "sweep.csv")
-
-    plain = ("1,2,10", "10,1,-90")
-    found = read_rows("f_hz,magnitude,phase_deg", *plain)
-    assert (found.gain_sigma.tolist(), found.phase_sigma.tolist()) == (pytest.approx([2e-3, 1e-3]), pytest.approx([1e-3, 1e-3]))
-    assert found.latency_s is None
-    found = read_rows("f_hz,gain,phase_deg,gain_sigma,phase_sigma_deg", "1,2,10,0.1,3", "10,1,-90,0,0")
-    assert found.gain_sigma == pytest.approx([0.1, 1e-3])
-    assert found.phase_sigma == pytest.approx([3 * DEG, 1e-3])
-    for row, words in (("1e-6,1,0", "frequency"), ("100001,1,0", "frequency"), ("1,1000001,0", "gain"), ("1,1e-7,0", "gain")):
-        with pytest.raises(FormatError, match=f"a {words} is not between"):
-            read_rows("f_hz,gain,phase_deg", *plain, row)
-    assert len(read_rows("f_hz,gain,phase_deg", "1e5,1e6,0", "1.1e-5,1.1e-6,0").gain) == 2
-    with pytest.raises(FormatError, match="line 3: gain is 'x', expected a number"):
-        read_rows("f_hz,gain,phase_deg", plain[0], "2,x,0")
-    for header, missing in (("f_hz,gain (dB),phase_deg", "gain"), ("f_hz,gain,phase [rad]", "phase_deg")):
-        with pytest.raises(FormatError, match=f"no column {missing} among"):
-            read_rows(header, *plain)
-
-
-def test_what_a_sweep_says():
-    f, covariance = np.array([1.0, 2, 4, 8]), np.diag([0.02**2, 0.003**2, 2.0**2])
-
-    def of(delay_s, h):
-        given = Response("r", f, np.abs(h), np.angle(h), np.full(4, 0.01), np.full(4, 2 * DEG), 0.004)
-        return sweep.Sweep(given, "first", np.array([1.1, delay_s, 20.0]), covariance, 20.0, 2.0, None, 1.0)
-
-    found, later = of(-0.0065, np.ones(4)), of(-0.0055, transfer("first", f, np.array([1.1, -0.0055, 20.0])))
-    assert found.gain == pytest.approx((1.1, 0.02))
-    assert found.delay_s == pytest.approx((-0.0065, 0.003))
-    assert found.rows_deg[1] == pytest.approx((2.0, 1.0, 0.01, 0.0, 2.0))
-    ratio = 1 / transfer("first", f, found.vector)
-    assert found.left == pytest.approx((np.sqrt(np.mean((np.abs(ratio) - 1) ** 2)), np.sqrt(np.mean(np.angle(ratio) ** 2))))
-    reported, besides = " ".join(found.lines), " ".join(later.lines)
-    assert "delay -6.5 ± 3.0 ms: the sensor's, the table's declared latency taken off" in reported
-    for words in ("a delay below zero", "does not describe these points"):  # a delay by more than two sigmas
-        assert words in reported
-        assert words not in besides
-
-
-def test_too_few_frequencies_are_refused():
-    with pytest.raises(DataError, match="3 frequencies, expected at least 4"):
-        fit_response(response("flat", [1, 0], f=np.array([1.0, 2.0, 3.0])))
-
-
-def test_what_a_model_leaves_widens_its_sigmas_by_the_freedom_that_is_left():
-    """Of a flat response all is linear: K from the logarithms, a delay from the phases; 2 f values less two numbers."""
-    f = np.array([0.5, 1, 2, 4, 8, 12.0])
-    log_gain, phase = 4e-3 * np.array([1, -1, 1, -1, 1, -1]), 4e-3 * np.array([1, -1, -1, 1, 1, -1])
-    sweep = fit_response(Response("r", f, np.exp(log_gain), phase, 1e-3 * np.exp(log_gain), np.full(6, 1e-3)))
-    slope = -2 * np.pi * f
-    left = np.r_[log_gain - log_gain.mean(), phase - slope * (slope @ phase) / (slope @ slope)]
-    assert sweep.model == "flat"
-    variance = left @ left / (2 * 6 - 2)
-    assert np.diag(sweep.covariance) == pytest.approx(variance * np.array([sweep.vector[0] ** 2 / 6, 1 / (slope @ slope)]), rel=1e-4)

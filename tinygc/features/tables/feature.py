@@ -63,7 +63,7 @@ FEATURE = Feature(
     commands={
         "table": ("command", "a table with motors: describe it, home it, turn it", "lab"),
         "table record": ("record_command", "record a session that a table turns", "lab"),
-        "rates": ("rates.command", "scale and linearity from rate steps, bandwidth from sweeps", "lab"),
+        "rates": ("rates.command", "scale and linearity of a sensor from rate steps", "lab"),
         "rates record": ("rates.record_command", "record rate steps that a table turns", "lab"),
     },
     public={"estimate_rates": "rates.library"},

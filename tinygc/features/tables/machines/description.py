@@ -51,10 +51,9 @@ class Settings(Shape):
         "rest_dps": 0.01,  # a {rate} below it is rest
         "same_s": 0.4,  # angles that stay for so long are rest, where nothing else decides it
         "clock_per_s": 1.0,  # units of a {clock} per second
-        "latency_s": 0.0,  # by which the angles in table.csv are late; nothing is sent differently
         "visa": "",  # PyVISA's library, as @py
     }
-    may_be_zero = ("decimals", "open_s", "latency_s")
+    may_be_zero = ("decimals", "open_s")
 
     def check(self, value: Any, where: str) -> None:
         """Raises Mismatch for a setting of the wrong kind."""

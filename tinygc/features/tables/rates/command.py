@@ -1,4 +1,4 @@
-"""``rates``: scale, nonlinearity, clipping and bandwidth of a sensor on a rate table, of points in a CSV or of a recording."""
+"""``rates``: scale, nonlinearity and clipping of a sensor on a rate table, of points in a CSV or of a recording."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class Options(Columns, Pictures, Command):
     """Options of ``rates``."""
 
     source: Path = argument(
-        "a CSV of rates and mean outputs, of frequencies, gains and phases, or a folder with rates*.csv, table.toml and table.csv",
+        "a CSV of rates and mean outputs, or a folder with rates*.csv, table.toml and table.csv",
         metavar="FILE|DIR",
     )
     out: Path | None = option(None, "where rates.json, rates.html and rates.svg go", metavar="DIR", read=folder_written)

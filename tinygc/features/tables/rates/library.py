@@ -1,4 +1,4 @@
-"""Python interface of ``rates``: the points of a rate table, of a CSV or of a recording with its machine's angles; sine sweeps."""
+"""Python interface of ``rates``: the points of a rate table, of a CSV or of a recording with its machine's angles."""
 
 from __future__ import annotations
 
@@ -17,9 +17,8 @@ from tinygc.features.tables.feature import Columns
 from tinygc.features.tables.rates.choice import RIVAL, Choice, HeldOut, choose
 from tinygc.features.tables.rates.fitting import REFUTED, Number
 from tinygc.features.tables.rates.laws import EXTRAS, LAWS
-from tinygc.features.tables.rates.points import Points, points_of, read_points, read_table, settings_of
+from tinygc.features.tables.rates.points import Points, points_of, read_points, settings_of
 from tinygc.features.tables.rates.recording import read_recording
-from tinygc.features.tables.rates.sweep import Response, Sweep, fit_response, is_response, read_response, transfer
 from tinygc.features.tables.rates.terms import TermRow, left_open, terms
 from tinygc.library.arguments import is_path, public
 from tinygc.library.records import Kept
@@ -128,7 +127,7 @@ def curve_words(curve: str) -> str:
     return printable(curve.rpartition(", ")[2])
 
 
-# Screen and page: what stands of each sensor and of each sweep, with its charts.
+# Screen and page: what stands of each sensor, with its charts.
 
 #: rates at which a law is drawn
 DRAWN = 401
@@ -153,11 +152,6 @@ def _sensor(choice: Choice) -> list[Part]:
         left = [[law, *found] for law, found in held_out_rows(choice)]
         parts.append(Table("", (first, *map(curve_words, choice.points.curves)), left))
     return parts
-
-
-def _sweep(sweep: Sweep) -> list[Part]:
-    rows = [[significant(f), (gain, gain_sigma), (phase, phase_sigma)] for f, gain, gain_sigma, phase, phase_sigma in sweep.rows_deg]
-    return [one_line(sweep.headline, "bold"), Table("", ("frequency, Hz", "gain", "phase, °"), rows), *sweep.lines]
 
 
 # The pictures.
@@ -203,20 +197,8 @@ def _titles(choice: Choice) -> list[str]:
     ]
 
 
-#: sensors and sweeps of one picture, at most
+#: sensors of one picture, at most
 MOST_ROWS = 8
-
-
-def _response(sweep: Sweep) -> tuple[Panel, Panel]:
-    response, hz = sweep.response, Axis("frequency (Hz)", log=True)
-    f = np.geomspace(response.frequency_hz.min(), response.frequency_hz.max(), 200)
-    model, at = transfer(sweep.model, f, sweep.vector), np.angle(transfer(sweep.model, response.frequency_hz, sweep.vector))
-    phase = np.degrees(at + np.angle(np.exp(1j * (response.phase - at))))
-    left = Panel(hz, Axis("gain"), sweep.headline).line(f, np.abs(model), "after", name=sweep.model)
-    right = Panel(hz, Axis("phase (°)")).line(f, np.degrees(np.angle(model)), "after", name=sweep.model)
-    left.points(response.frequency_hz, response.gain, "before", ring=True, sigma=response.gain_sigma, name="measured")
-    right.points(response.frequency_hz, phase, "before", ring=True, sigma=np.degrees(response.phase_sigma), name="measured")
-    return left, right
 
 
 SCHEMA = "tinygc-rates/1"
@@ -225,21 +207,19 @@ FILE, PICTURE, PAGE = "rates.json", "rates.svg", "rates.html"
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Rates(Kept):
-    """Result of ``tinygc.estimate_rates``: ``choices`` (law, fit, rivals of each sensor), ``sweeps``, ``remarks``."""
+    """Result of ``tinygc.estimate_rates``: ``choices`` (law, fit, rivals of each sensor), ``remarks``."""
 
     FILES: ClassVar = (FILE, PAGE, PICTURE)
     name: str
     choices: tuple[Choice, ...]
-    sweeps: tuple[Sweep, ...] = ()
     remarks: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
-        return f"<Rates of {self.name}: {', '.join(choice.fit.hypothesis.name for choice in self.choices) or 'a sweep'}>"
+        return f"<Rates of {self.name}: {', '.join(choice.fit.hypothesis.name for choice in self.choices)}>"
 
     @property
     def _chapters(self) -> list[Chapter]:
-        found: list[Chapter] = [(f"sensor-{n}", choice.points.sensor, _sensor(choice)) for n, choice in enumerate(self.choices)]
-        return found + [(f"sweep-{n}", f"Sweep {sweep.response.name}", _sweep(sweep)) for n, sweep in enumerate(self.sweeps)]
+        return [(f"sensor-{n}", choice.points.sensor, _sensor(choice)) for n, choice in enumerate(self.choices)]
 
     @property
     def page(self) -> Group:
@@ -248,7 +228,6 @@ class Rates(Kept):
         for choice in self.choices:
             known = [row for row in terms(choice) if row.value is not None or row.at_most is not None]
             parts += [one_line(headline(choice), "bold"), *law_lines(choice), _terms_table(known), ""]
-        parts += [part for sweep in self.sweeps for part in (*_sweep(sweep), "")]
         return screen(parts[:-1])
 
     def to_json(self) -> dict:
@@ -258,21 +237,19 @@ class Rates(Kept):
             "version": VERSION,
             "name": self.name,
             "sensors": [_of_sensor(choice) for choice in self.choices],
-            "sweeps": [_of_sweep(sweep) for sweep in self.sweeps],
             "remarks": list(self.remarks),
         }
 
     def html(self) -> str:
         """The report of the rate table as one HTML document."""
         more: list[Chapter] = [("remarks", "Remarks", self.remarks)] if self.remarks else []
-        foot = "Terms of IEEE 1431, 12.9 to 12.11 and 12.15. ± is one standard deviation; “less than” is an upper limit (95 %)."
+        foot = "Terms of IEEE 1431, 12.9 to 12.11. ± is one standard deviation; “less than” is an upper limit (95 %)."
         return facts.page("Rate table", self.name, [*self._chapters, *more], foot)
 
     def figure(self) -> Picture:
-        """Outputs with their laws, and what these leave; gain and phase of sweeps."""
+        """Outputs with their laws, and what these leave."""
         panels = [panel for choice in self.choices[:MOST_ROWS] for panel in (_output(choice), _residuals(choice))]
-        panels += [panel for sweep in self.sweeps[: max(MOST_ROWS - len(self.choices), 1)] for panel in _response(sweep)]
-        return Picture(panels, "Rate steps" if self.choices else "Sine sweep")
+        return Picture(panels, "Rate steps")
 
 
 def _values(of: Any, *names: str) -> dict[str, Any]:
@@ -301,31 +278,15 @@ def _of_sensor(choice: Choice) -> dict[str, Any]:
     }
 
 
-def _of_sweep(sweep: Sweep) -> dict[str, Any]:
-    (gain, gain_sigma), (delay_s, delay_sigma_s) = sweep.gain, sweep.delay_s
-    names = ("frequency_hz", "gain", "gain_sigma", "phase_deg", "phase_sigma_deg")
-    return {
-        "name": sweep.response.name,
-        **_values(sweep, "model", "probability"),
-        "gain": gain,
-        "gain_sigma": gain_sigma,
-        "delay_s": delay_s,
-        "delay_sigma_s": delay_sigma_s,
-        "latency_s": sweep.response.latency_s,
-        **_values(sweep, "bandwidth_hz", "bandwidth_sigma_hz", "bandwidth_at_least_hz"),
-        "points": [dict(zip(names, row, strict=True)) for row in sweep.rows_deg],
-    }
-
-
 @public(Columns)
 def estimate_rates(source: Any, *, sigma: Any = None, progress: Progress | None = None, **choices: Any) -> Any:
-    """Choose the law of a sensor's output over the rate of a table, with the terms of IEEE 1431; bandwidth and delay of a sweep.
+    """Choose the law of a sensor's output over the rate of a table, with the terms of IEEE 1431.
 
     Parameters
     ----------
     source : str, Path, or tuple of arrays
-        A CSV of rates and outputs, or of frequencies, gains and phases; a folder with ``rates*.csv``, ``table.toml`` and ``table.csv``; or
-        ``(rate_dps, output)``: (N,) °/s and (N,), in the order in which they were taken.
+        A CSV of rates and outputs; a folder with ``rates*.csv``, ``table.toml`` and ``table.csv``; or ``(rate_dps, output)``: (N,) °/s and
+        (N,), in the order in which they were taken.
     sigma : array_like, optional
         (N,) sigma of each output, where it is known, of arrays.
     progress : callable, optional
@@ -334,7 +295,7 @@ def estimate_rates(source: Any, *, sigma: Any = None, progress: Progress | None 
     Returns
     -------
     Rates
-        ``choices``, ``sweeps``, ``remarks``, ``summary()``, ``html()``, ``to_json()``, ``save(folder)``, ``plot(path)``.
+        ``choices``, ``remarks``, ``summary()``, ``html()``, ``to_json()``, ``save(folder)``, ``plot(path)``.
 
     Raises
     ------
@@ -351,7 +312,7 @@ def estimate_rates(source: Any, *, sigma: Any = None, progress: Progress | None 
 
     """
     columns, notify = Columns(**choices), progress or no_report
-    points, responses, remarks = list[Points](), list[Response](), list[str]()
+    points, remarks = list[Points](), list[str]()
     if not is_path(source):
         if not (isinstance(source, tuple) and len(source) == 2):
             raise CalibrationError(
@@ -365,10 +326,7 @@ def estimate_rates(source: Any, *, sigma: Any = None, progress: Progress | None 
     elif sigma is not None:
         raise CalibrationError("estimate_rates: sigma is of arrays; a CSV has a column std and --readings")
     elif (path := Path(source)).is_dir():
-        name, (points, responses, remarks) = path.name, read_recording(path, notify)
-    elif is_response(read_table(path)[0]):
-        name, responses = path.name, [read_response(path)]
-        remarks = ["The CSV does not state how late the table's angle is; a latency of it counts with its sign against the sensor's delay."]
+        name, (points, remarks) = path.name, read_recording(path, notify)
     else:
         name, (points, remarks) = path.name, read_points(path, columns)
     laws = []
@@ -377,4 +335,4 @@ def estimate_rates(source: Any, *, sigma: Any = None, progress: Progress | None 
         settled, why = settings_of(own)
         laws.append(choose(settled))
         remarks += why
-    return Rates(name, tuple(laws), tuple(map(fit_response, responses)), tuple(remarks))
+    return Rates(name, tuple(laws), tuple(remarks))

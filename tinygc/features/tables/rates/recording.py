@@ -1,4 +1,4 @@
-"""A recording on a machine that steps its rate or swings: ``rates*.csv``, ``table.toml``, ``table.csv`` (docs/formats/tables.md).
+"""A recording on a machine that steps its rate: ``rates*.csv``, ``table.toml``, ``table.csv`` (docs/formats/tables.md).
 
 The machine's angles give each dwell: a stretch in which one axis turns at one rate.  The rate is the slope of what the machine reports; the
 output is the sensor's mean over the settled part, over whole turns where there is one, so that the Earth's rate and gravity cancel about a
@@ -26,14 +26,10 @@ from tinygc.features.tables.machines.angles import NAME as ANGLES
 from tinygc.features.tables.machines.angles import AngleLog, on_its_clock, read_angles
 from tinygc.features.tables.machines.description import NAME as TABLE
 from tinygc.features.tables.machines.description import Description, body_axes, read_description
-from tinygc.features.tables.rates.points import Points, points_of
-from tinygc.features.tables.rates.sweep import LEAST, Response
+from tinygc.features.tables.rates.points import LEAST_RATES, Points, points_of
 from tinygc.features.tables.recording import MARGIN_RAD
-from tinygc.inference.solve import solve
 
 STEM = "rates"
-#: key of ``[settings]`` in table.toml: how late the machine's angles are, s
-LATENCY = "latency_s"
 #: s: shortest dwell; left out at both of its ends, as the machine and the sensor's filter settle and the angles are late
 LEAST_DWELL_S, SETTLE_S = 1.0, 0.3
 #: share of a dwell that settles at most
@@ -44,8 +40,6 @@ ANSWERS, RATE_WITHIN, RATE_WITHIN_DPS = 3, 0.05, 0.2
 AT_REST = 3.0
 #: means that give the sigma of a dwell's mean
 BLOCKS = 16
-#: a swing: least number of cycles, by how much its half periods may differ, and the share of the largest rate that is no noise
-LEAST_CYCLES, PERIOD_WITHIN, LEAST_SWING = 3, 0.15, 0.05
 #: least share of an axis' rate that a gyroscope axis must see
 LEAST_SHARE = 0.5
 
@@ -60,8 +54,8 @@ class Dwell:
     rate: float
 
 
-def read_recording(folder: Path, progress: Progress) -> tuple[list[Points], list[Response], list[str]]:
-    """Points of each gyroscope axis that the table turned, responses of its sweeps, and remarks, of a recording's folder.
+def read_recording(folder: Path, progress: Progress) -> tuple[list[Points], list[str]]:
+    """Points of each gyroscope axis that the table turned, and remarks, of a recording's folder.
 
     Raises FormatError or DataError, which name what is missing or wrong.
     """
@@ -75,7 +69,6 @@ def read_recording(folder: Path, progress: Progress) -> tuple[list[Points], list
     config, table = read_config(folder / "session.toml"), read_description(folder / TABLE)
     angles = read_angles(folder / ANGLES, table)
     steps: dict[int, list[tuple[str, float, float, float]]] = {}
-    swings: list[Response] = []
     remarks: list[str] = []
     for number, path in enumerate(paths):
         progress(path.name, number, len(paths))
@@ -88,23 +81,20 @@ def read_recording(folder: Path, progress: Progress) -> tuple[list[Points], list
         found = list(_steps(name, samples, own, table))
         for axis, rate, mean, sigma in found:
             steps.setdefault(axis, []).append((name, rate, mean, sigma))
-        response = _sweep(name, samples, own, table)
-        if response is not None:
-            swings.append(response)
-        if not found and response is None:
-            remarks.append(f"{name}: no dwell of {LEAST_DWELL_S:g} s at one rate, and no swing at {LEAST} frequencies: left out.")
-    if not steps and not swings:
-        raise DataError(f"{folder}: no rate step and no sweep in {len(paths)} logs; expected dwells of some seconds, or swings")
+        if not found:
+            remarks.append(f"{name}: no dwell of {LEAST_DWELL_S:g} s at one rate: left out.")
+    if not steps:
+        raise DataError(f"{folder}: no rate step in {len(paths)} logs; expected dwells of some seconds")
     points = []
     for axis, rows in sorted(steps.items()):
         columns = np.array([row[1:] for row in rows])
-        if len(np.unique(np.round(columns[:, 0], 3))) < LEAST:
-            remarks.append(f"gyroscope {'xyz'[axis]}: fewer than {LEAST} rates: left out.")
+        if len(np.unique(np.round(columns[:, 0], 3))) < LEAST_RATES:
+            remarks.append(f"gyroscope {'xyz'[axis]}: fewer than {LEAST_RATES} rates: left out.")
             continue
         points.append(points_of(f"gyroscope {'xyz'[axis]}", "°/s", columns[:, 0], columns[:, 1], [row[0] for row in rows], columns[:, 2]))
     if points:
         remarks.append("The table's mounting is taken as declared: a tilt of 1° against its axis is 150 ppm of the scale.")
-    return points, swings, remarks
+    return points, remarks
 
 
 def dwells(own: AngleLog) -> list[Dwell]:
@@ -190,87 +180,3 @@ def _settled(samples: Samples, own: AngleLog, dwell: Dwell, sigma_rad: float) ->
         rate = rate_sigma = 0.0
     means = np.stack([part.mean(axis=0) for part in np.array_split(gyro, BLOCKS)])
     return rate, gyro.mean(axis=0), np.hypot(means.std(axis=0, ddof=1) / np.sqrt(BLOCKS), rate_sigma)
-
-
-# Sweeps: stretches in which an axis swings at one frequency.
-
-
-def _sweep(name: str, samples: Samples, own: AngleLog, table: Description) -> Response | None:
-    """Gain and phase of the gyroscope at each frequency of a log; None where it swings at fewer than four."""
-    found = [row for axis in range(len(table.axes)) for row in _swings(samples, own, table, axis)]
-    rows = np.array([row for row in found if np.isfinite(row).all()])
-    if len(rows) < LEAST or len(np.unique(np.round(rows[:, 0], 2))) < LEAST:
-        return None
-    declared = table.settings.get(LATENCY)
-    latency_s = float(declared) if isinstance(declared, int | float) and not isinstance(declared, bool) else None
-    f, gain, phase, gain_sigma, phase_sigma = rows[np.argsort(rows[:, 0])].T
-    if latency_s is not None:  # the angle is that of latency_s before
-        phase = phase - 2 * np.pi * f * latency_s
-    return Response(name, f, gain, phase, gain_sigma, phase_sigma, latency_s)
-
-
-def _swings(samples: Samples, own: AngleLog, table: Description, axis: int) -> Iterator[tuple[float, float, float, float, float]]:
-    """Frequency Hz, gain, phase, and the sigmas of both, of each stretch in which an axis swings."""
-    t_s, angle = (own.t_ns - samples.t_ns[0]) * NS, np.unwrap(own.angles[:, axis])
-    seen = body_axes(table, own.angles[:1])[0, axis]
-    of = int(np.argmax(np.abs(seen)))
-    if abs(seen[of]) < LEAST_SHARE or np.ptp(angle) < 1e-6:
-        return
-    sample_s, gyro = samples.t_s, np.asarray(samples.gyro)[:, of] / seen[of]
-    for begin_s, end_s, guess in _stretches(sample_s, gyro - np.median(gyro)):
-        rows, inside = (slice(*np.searchsorted(of_s, [begin_s, end_s])) for of_s in (t_s, sample_s))
-        if min(rows.stop - rows.start, inside.stop - inside.start) < 8:
-            continue
-        f = _frequency(sample_s[inside], gyro[inside], guess)
-        reported, reported_variance = _phasor(t_s[rows], angle[rows], f)
-        rate, rate_variance = _phasor(sample_s[inside], gyro[inside], f)
-        if not abs(reported) > 0 or not abs(rate) > 0:
-            continue
-        ratio = rate / (2j * np.pi * f * reported)
-        relative = np.sqrt(rate_variance / abs(rate) ** 2 + reported_variance / abs(reported) ** 2)
-        yield f, float(abs(ratio)), float(np.angle(ratio)), float(abs(ratio) * relative), float(relative)
-
-
-def _stretches(t_s: np.ndarray, rate: np.ndarray) -> Iterator[tuple[float, float, float]]:
-    """Begin and end, s, and frequency, Hz, of stretches in which a rate crosses zero at even intervals."""
-    moving = np.flatnonzero(np.abs(rate) > LEAST_SWING * np.abs(rate).max(initial=0.0))
-    before, after = moving[:-1], moving[1:]
-    crossing = np.sign(rate[before]) != np.sign(rate[after])
-    before, after = before[crossing], after[crossing]
-    at_s = t_s[before] + (t_s[after] - t_s[before]) * rate[before] / (rate[before] - rate[after])
-    halves = np.diff(at_s)
-    start = 0
-    for stop in range(1, len(halves) + 1):
-        usual_s = float(np.median(halves[start:stop]))
-        if stop < len(halves) and abs(halves[stop] - usual_s) < PERIOD_WITHIN * usual_s:
-            continue
-        if stop - start >= 2 * LEAST_CYCLES:
-            yield float(at_s[start]), float(at_s[stop]), 1 / (2 * float(np.mean(halves[start:stop])))
-        start = stop
-
-
-def _frequency(t_s: np.ndarray, rate: np.ndarray, guess: float) -> float:
-    """The frequency, Hz, at which a sinusoid leaves least of the rates."""
-    from scipy.optimize import minimize_scalar
-
-    within = min(0.5 / max(float(np.ptp(t_s)), 1e-9), 0.2 * guess)
-
-    def left(f: float) -> float:
-        columns = _columns(t_s, f)
-        return float(np.sum((rate - columns @ np.linalg.lstsq(columns, rate, rcond=None)[0]) ** 2))
-
-    return float(minimize_scalar(left, bounds=(guess - within, guess + within), method="bounded", options={"xatol": 1e-7 * guess}).x)
-
-
-def _columns(t_s: np.ndarray, f: float) -> np.ndarray:
-    since = t_s - t_s.mean()
-    return np.stack([np.cos(2 * np.pi * f * t_s), np.sin(2 * np.pi * f * t_s), np.ones(len(t_s)), since], axis=1)
-
-
-def _phasor(t_s: np.ndarray, values: np.ndarray, f: float) -> tuple[complex, float]:
-    """Complex amplitude of ``exp(2 pi i f t)`` in values, and the variance of each of its parts."""
-    columns = _columns(t_s, f)
-    found = solve(columns, values)
-    left = values - columns @ found.shortest
-    variance = float(left @ left) / max(len(values) - columns.shape[1], 1)
-    return complex(found.value[0], -found.value[1]), variance * float(np.mean(np.diag(found.covariance)[:2]))

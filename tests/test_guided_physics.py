@@ -58,13 +58,9 @@ class Port:
         self.port = SimpleNamespace(name="/dev/ttyACM0")
         self.decoder = SimpleNamespace(garbage=0, crc_errors=0)
         self.clock = SimpleNamespace(measured=None)
-        self.raw, self.apart = SimpleNamespace(path=Path("raw.bin")), []
-        self.logs = SimpleNamespace(paths=[SimpleNamespace(name="log0001.csv")])
+        self.raw = SimpleNamespace(path=Path("raw.bin"))
+        self.logs = SimpleNamespace(paths=[SimpleNamespace(name="log0001.csv")], present="log0002.csv")
         self.decided, self.now_s, self.ended = [], 0.0, False
-
-    def set_apart(self, landmarks):
-        self.apart.append(landmarks)
-        return ["foreign0001.csv"]
 
     def catch_up(self):
         yield from ([event] for event in self._resumed)
@@ -169,19 +165,6 @@ def test_a_board_that_says_nothing_of_its_ranges_is_not_guessed():
     assert led(Port(WHOLE[1:]), configure=lambda info, waited_s: config() if waited_s >= 3 else None)[0].accepted == 3
 
 
-def test_a_file_that_contradicts_all_that_was_recorded_sets_nothing_apart():
-    """It is the file that is wrong: somebody has changed it since."""
-
-    def contradicted(info, waited_s):
-        if info:
-            raise OtherSensor("session.toml: sensor.gyro_fs_dps is 1000, the board gives 500; correct the wrong one")
-
-    port = Port([], resumed=[*WHOLE[:41], *WHOLE])
-    with pytest.raises(OtherSensor, match=r"correct the wrong one$"):
-        led(port, configure=contradicted)
-    assert port.apart == []
-
-
 def test_another_sensor_has_no_place_in_the_recording():
     """Neither when it is resumed nor behind a pulled cable; a word that was damaged on the wire is not repeated."""
     other = Info(500.0, 4.0, 208.0, "2")
@@ -189,12 +172,12 @@ def test_another_sensor_has_no_place_in_the_recording():
     for port in (
         Port([lambda port: plugged(port) and swapped, *BEGUN[1:], other], resumed=BEGUN),
         Port([*BEGUN, pulled, lambda port: plugged(port) and swapped, other]),
-        Port([*BEGUN, INFO, other, other]),  # behind the same wire: since the last word that was right
-        Port([], resumed=[*BEGUN, *swapped, *BEGUN[1:], other]),
+        Port([*BEGUN, INFO, other, other]),  # behind the same wire
     ):
-        with pytest.raises(OtherSensor, match=r"serial=2, this recording is of 1; .*--out; its bytes stay apart \(raw.bin"):
+        with pytest.raises(OtherSensor, match=r"serial=2, this recording is of 1; .*--out; log0002.csv holds its samples.*--resume"):
             led(port)
-        assert port.apart == [2]
+    # What an earlier recording held of it counts no more.
+    assert led(Port([Event("reconnect"), *WHOLE], resumed=[*BEGUN, *swapped, other]))[0].accepted == 3
     nameless = Info(500.0, 4.0, 208.0, "0")
     for steps in ([*BEGUN, other, *WHOLE[10:]], [INFO, nameless, nameless, *WHOLE[1:]]):
         assert led(Port(steps))[0].accepted == 3

@@ -27,7 +27,6 @@ RECORDED = (
     "turns.csv",
     "truth0001.csv",
     "unclosed0001.csv",
-    "foreign0001.csv",
     "raw.bin",
     "raw.times",
     "truth.json",

@@ -11,7 +11,6 @@ import signal
 import termios
 import threading
 import time
-from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -22,10 +21,10 @@ from processes import PATIENCE_S, until
 from recording_wires import caught_up, make_wire, record, replayed, send
 from streams import INFO, decode, frame_list, line_list, samples, sent
 
-from session.base.errors import DeviceError, StorageError
+from session.base.errors import DeviceError, FormatError, StorageError
 from session.bench import frames, rawfile
-from session.bench.events import TROUBLES, Event, Info, SampleChunk
-from session.bench.logwriter import SHORT_STARTS, LogWriter
+from session.bench.events import TROUBLES, Event, SampleChunk
+from session.bench.logwriter import LogWriter
 from session.bench.port import Port, known_ports, lock_of, only_candidate
 from session.bench.rawfile import (
     _RESCUED,
@@ -87,16 +86,15 @@ def test_a_reset_begins_a_new_log_and_comments_are_kept(tmp_path):
     assert logs.paths[3].read_text().count(INFO.text) == 1
 
 
-def test_a_board_that_resets_every_few_frames_does_not_fill_the_folder(tmp_path):
-    """Behind twenty such starts one gets a log only where it lasts a second; what got none is counted."""
+def test_a_board_that_resets_every_few_frames_does_not_fill_the_folder(tmp_path, monkeypatch):
+    monkeypatch.setattr("session.bench.logwriter.MOST_LOGS", 20)
     logs = LogWriter(tmp_path)
-    for start in range(SHORT_STARTS + 5):
+    for start in range(20):
         logs.write([SampleChunk(*sent(100, 1000 * start)), Event("reset")])
-    logs.write([SampleChunk(*sent(1000, 7)), SampleChunk(*sent(2000, 700_000))])  # 0.6 s, then more than a second
-    logs.write([Event("reset"), SampleChunk(*sent(50, 7))])  # a good one has been: this counts again
+    with pytest.raises(FormatError, match="20 logs: the board resets again and again"):
+        logs.write([SampleChunk(*sent(100, 7))])
     logs.close()
-    assert [path.read_text().count("\n") - 1 for path in logs.paths] == [100] * SHORT_STARTS + [3000, 50]
-    assert (logs.not_logged, logs.not_logged_starts) == (500, 5)
+    assert [path.read_text().count("\n") - 1 for path in logs.paths] == [100] * 20
 
 
 other_wire = pytest.fixture(make_wire, name="other_wire")
@@ -499,52 +497,6 @@ def test_a_disk_that_fails_is_said_and_one_without_locks_records(tmp_path, monke
     raw.close()
     assert "may not be on the disk" in str(raw.trouble)
     assert raw.path.read_bytes() == b"abc"
-
-
-# Another board was plugged in once.
-
-
-ANOTHER = replace(INFO, serial="78")
-
-
-EACH = 200  #: samples behind each info
-
-
-def said_by(info: Info, seconds: int, seed: int = 0, start_us: int = 1_000_000) -> list[bytes]:
-    """What a board sends in so many seconds, second by second: its info, then its samples."""
-    t_us, registers = sent(EACH * seconds, start_us, seed)
-    rows = frame_list(t_us, registers)
-    return [frames.encode_info(0, info) + b"".join(rows[EACH * i : EACH * (i + 1)]) for i in range(seconds)]
-
-
-def registers_of(text: bytes) -> np.ndarray:
-    return np.array([line.split(b",")[1:] for line in text.splitlines() if line[:1].isdigit()], int)
-
-
-def test_its_logs_get_another_name_and_no_replay_gives_its_events(wire, tmp_path):
-    """Live, resumed and replayed, it is the same; the own logs hold the own samples, all of them, and no other.  Its clock is another."""
-    own, other, later = said_by(INFO, 3, start_us=90_000_000), said_by(ANOTHER, 2, 1), said_by(INFO, 2, 2)
-    folder = tmp_path / "s"
-    recorder = Recorder(folder, wire[1])
-    for part in [*own, *other]:
-        record(recorder, wire[0], part)
-    assert recorder.set_apart(4) == ["foreign0001.csv"]  # behind the fourth info
-    assert recorder.samples == 3 * EACH
-    recorder.close()
-    live = logs_of(folder)
-    again = Recorder(folder, wire[1])
-    assert np.array_equal(samples(caught_up(again))[1], sent(3 * EACH)[1])
-    for part in later:
-        record(again, wire[0], part)
-    assert again.samples == 5 * EACH
-    again.close()
-    logs = logs_of(folder)
-    assert live == {name: logs[name] for name in ("foreign0001.csv", "log0001.csv")}
-    for name, seed in (("foreign0001.csv", 1), ("log0002.csv", 2)):
-        assert np.array_equal(registers_of(logs[name]), sent(2 * EACH, seed=seed)[1])
-    assert (folder / "raw.bin").read_bytes() == b"".join([*own, *other, *later])
-    replayed(folder / "raw.bin", tmp_path / "again")
-    assert logs_of(tmp_path / "again") == logs
 
 
 # Somebody stops.

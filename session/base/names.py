@@ -20,7 +20,7 @@ CLOCKS = ("board", "arrivals")
 SIGNS = ("session.toml", "raw.bin", "raw.times")
 #: the names of what a person or a port gave; a system that takes LOG0001.CSV for log0001.csv counts it as that
 NAMES = re.compile(
-    r"session\.toml|raw\.bin|raw\.times|attitudes\.csv|turns\.csv|table\.(toml|csv)|truth\.json|(log|closure|rest|rates|truth|unclosed|foreign).*\.csv(\.gz)?"
+    r"session\.toml|raw\.bin|raw\.times|attitudes\.csv|turns\.csv|table\.(toml|csv)|truth\.json|(log|closure|rest|rates|truth|unclosed).*\.csv(\.gz)?"
     r"|.+\.changed[0-9]+",
     re.IGNORECASE,
 )

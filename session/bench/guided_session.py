@@ -18,7 +18,6 @@ from session.bench.board import BoardReporter
 from session.bench.clocks import OFF
 from session.bench.events import TROUBLES, AnyEvent, BoardStatus, Event, Info, SampleChunk, starts_log
 from session.bench.guide import BEGIN, REST, Guide, Moment, Mover, View, joined_chunks, samples_of
-from session.bench.logwriter import SHORT_STARTS, SHORT_US
 from session.bench.messages import Advice, GuideMessage, Kind, Progress, Stage
 from session.bench.operator import BrowserCommands, TypingLine
 from session.bench.progress import LiveAccelerometerFit
@@ -81,6 +80,7 @@ UNKNOWN_S = 10.0  #: of samples without their ranges
 KEEPS_BAUD = "a board that was set to 6667 Hz keeps --baud 2000000 until it is switched off"
 LAST_WORD_S = 5.0  #: for the coach at the end
 SHOW_EVERY_S = 0.1
+MOST_SHOWN = 20  #: new logs
 NEW_LOG_CAUSE = {"reset": "the board was reset", "reconnect": "the port was opened again"}
 
 Configure = Callable[[Info | None, float], Config | None]
@@ -124,10 +124,6 @@ class GuidedRecording:
         self._resuming = False  # until the port is open
         self.board = BoardReporter()
         guide.board_faults = self.board.counted
-        self._checkpoints = self._sound = 0  # new logs and infos taken; up to which of them nothing was wrong
-        self._agreed = False  # whether an info was of this recording's sensor
-        #: whether the earlier recording held another board's bytes: they are set apart now, and a replay skips them
-        self.begin_again = False
 
     def lead(self, interrupted: Callable[[], bool] | None = None) -> None:
         """Take in an earlier recording, then follow the port until done; KeyboardInterrupt when ``interrupted``.
@@ -211,7 +207,7 @@ class GuidedRecording:
                 self._heard_s, self._remark = time.monotonic(), ""
                 self._samples(event)
             elif isinstance(event, Info):
-                self._checkpoints, self._remark = self._checkpoints + 1, ""
+                self._remark = ""
                 self._hear_board(event)
             elif isinstance(event, BoardStatus) or event.kind in ("faults", "tested"):
                 if isinstance(event, BoardStatus) and self.board.changes_source(event):
@@ -228,13 +224,11 @@ class GuidedRecording:
                 self._was_decided(event)
 
     def _new_log(self, kind: str) -> None:
-        self._checkpoints += 1
-        self._sound = self._checkpoints
         self._early = []
         because = self.board.was_reset() if kind == "reset" else []
         if kind == "reconnect":
             self.board.new_connection()
-        if self._live or self._resuming:
+        if self._present:
             if self._resuming and self.guide.stage is Stage.PAUSED:  # a pause ends with its recording
                 self._decide(self._after_pause)
             elif self.guide.closure is not None and self.guide.stage is not Stage.PAUSED:  # a closure run restarts
@@ -242,13 +236,12 @@ class GuidedRecording:
             self._live, self._resuming = True, False
         self.guide.new_log()
         self._new_logs += 1
-        if self._new_logs <= SHORT_STARTS:
+        if self._new_logs <= MOST_SHOWN:  # a board that resets again and again would fill the screen
             self._announce(Kind.WARNING, f"{NEW_LOG_CAUSE[kind]}: a new log begins")
             for words in because:
                 self._announce(Kind.WARNING, words)
-        if self._new_logs == SHORT_STARTS:  # a board that resets again and again would fill the screen
-            again = f"this was the {SHORT_STARTS}th time, later ones are not shown"
-            self._announce(Kind.WARNING, f"{again}; a start shorter than {SHORT_US / 1e6:g} s gets no log")
+        if self._new_logs == MOST_SHOWN:
+            self._announce(Kind.WARNING, f"this was the {MOST_SHOWN}th time, later ones are not shown")
 
     def _samples(self, chunk: SampleChunk) -> None:
         if self.config is None:
@@ -256,7 +249,7 @@ class GuidedRecording:
             waited_s = float(chunk.t_us[-1] - self._early[0].t_us[0]) * 1e-6
             if self._know(None, waited_s):
                 return
-            if waited_s > UNKNOWN_S:
+            if waited_s > UNKNOWN_S and self._present:
                 raise CalibrationError(
                     f"{UNKNOWN_S:g} s of samples whose ranges are not known: give --gyro-fs, --accel-fs, --odr, or a session.toml"
                 )
@@ -267,11 +260,14 @@ class GuidedRecording:
         if self._watch is not None:
             self._watch(self.guide, samples)
 
-    def _hear_board(self, info: Info) -> None:
-        """Take the board's info.  A contradiction counts when it comes twice in a row: a line of text carries no check.
+    @property
+    def _present(self) -> bool:
+        """Whether the recording is no earlier one's any more."""
+        return self._live or self._resuming
 
-        Another board's bytes, all since the last right info, are set apart, so that the recording can continue.
-        """
+    def _hear_board(self, info: Info) -> None:
+        """Take the board's info.  A contradiction counts when it comes twice in a row: a line of text carries no check; another board in
+        an earlier recording counts no more."""
         values = (info.gyro_fs_dps, info.accel_fs_g, info.odr_hz, info.serial)
         again, self._last_info = values == self._last_info, values
         try:
@@ -280,24 +276,15 @@ class GuidedRecording:
         except StorageError:
             raise
         except OtherSensor as error:
-            if again:
-                raise OtherSensor(f"{error}{self._set_apart()}") from None
+            if again and self._present:
+                log = self.recorder.logs.present
+                its = f"; {log} holds its samples, remove it at the end" if log else ""
+                raise OtherSensor(f"{error}{its}; --resume goes on with the own board") from None
         except CalibrationError:
             if again:
                 raise
         else:
-            self._sound, self._agreed = self._checkpoints, True
             self.guide.health.info_odr_hz = info.odr_hz
-
-    def _set_apart(self) -> str:
-        """Set another board's bytes apart; returns the note for the error.  If no info has agreed with session.toml, the file is wrong."""
-        if not (self._live or self._resuming or self._agreed):
-            return ""
-        self.begin_again = not (self._live or self._resuming)
-        logs = self.recorder.set_apart(self._sound)
-        more = f" and {len(logs) - 1} more" if len(logs) > 1 else ""
-        kept = f"{self.recorder.raw.path.name}, {logs[0]}{more}" if logs else self.recorder.raw.path.name
-        return f"; its bytes stay apart ({kept}); --resume goes on with the own board"
 
     def _know(self, info: Info | None, waited_s: float = 0.0) -> bool:
         """Configure the session; each info is checked again, since it may contradict.  Returns whether it is configured only now."""

@@ -15,7 +15,7 @@ from session.base.files import open_file
 from session.bench.clocks import ClockComparison
 from session.bench.decoder import StreamDecoder
 from session.bench.events import AnyEvent, Event, SampleChunk, starts_log
-from session.bench.logwriter import FOREIGN, WORD, BoardRouter, LogWriter, other_board
+from session.bench.logwriter import LogWriter
 from session.bench.port import Arrival, BoardSetup, Port, is_virtual
 from session.bench.rawfile import RAW, Mark, RawFile, decision_of, name_kept, raw_event, read_events
 
@@ -25,43 +25,44 @@ BLOCK = 1 << 16
 Piece = tuple[int | None, list[AnyEvent]]
 
 
-def stream(raw_path: Path, decoder: StreamDecoder, logs: LogWriter, router: BoardRouter | None = None) -> Iterator[Piece]:
+def stream(raw_path: Path, decoder: StreamDecoder, logs: LogWriter) -> Iterator[Piece]:
     """Decode a raw file into ``logs``: (host_ns or None, events) piece by piece, with the decisions between them.
 
-    Events of another board are not given; its logs have other names.  Bytes that are added to the file after this call are not decoded.
-    The caller finishes decoder and logs.
+    Bytes that are added to the file after this call are not decoded.  The caller finishes decoder and logs.
     """
     with open_file(raw_path):
         size = raw_path.stat().st_size
-    return _pieces(raw_path, size, read_events(raw_path), decoder, logs, router or BoardRouter(decoder, logs))
+    return _pieces(raw_path, size, read_events(raw_path), decoder, logs)
 
 
-def _pieces(raw_path: Path, size: int, marks: list[Mark], decoder: StreamDecoder, logs: LogWriter, router: BoardRouter) -> Iterator[Piece]:
+def _pieces(raw_path: Path, size: int, marks: list[Mark], decoder: StreamDecoder, logs: LogWriter) -> Iterator[Piece]:
     with open_file(raw_path) as raw:
-        router.opened(0, other_board(marks, -1))
         for number, mark in enumerate(marks):
-            yield from _until(raw, min(mark.offset, size), decoder, router)
+            yield from _until(raw, min(mark.offset, size), decoder, logs)
             if mark.event.partition(" ")[0] == "open":
-                yield mark.host_ns, [*new_connection(decoder, router, mark.offset, other_board(marks, number))]
+                yield mark.host_ns, new_connection(decoder, logs)
             elif (decision := decision_of(mark)) is not None:
                 if decision.kind == "begin":  # a file that was kept has its last name from the beginning
                     logs.begin(name_kept(marks, number) or decision.text)
                 elif decision.kind in ("pause", "keep"):
                     logs.pause()
                 yield mark.host_ns, [decision]
-        yield from _until(raw, size, decoder, router)
+        yield from _until(raw, size, decoder, logs)
 
 
-def new_connection(decoder: StreamDecoder, router: BoardRouter, offset: int, since: int | None = None) -> list[AnyEvent]:
-    """The port was opened behind so many bytes: finish what came before.  since: as in ``BoardRouter.opened``."""
-    events = router.take(decoder.finish())
-    router.opened(offset, since)
-    return [*events, *router.take([Event("reconnect")])] if decoder.samples else events
+def new_connection(decoder: StreamDecoder, logs: LogWriter) -> list[AnyEvent]:
+    """The port was opened: finish what came before."""
+    events = decoder.finish()
+    events += [Event("reconnect")] if decoder.samples else []
+    logs.write(events)
+    return events
 
 
-def _until(raw: BinaryIO, offset: int, decoder: StreamDecoder, router: BoardRouter) -> Iterator[Piece]:
+def _until(raw: BinaryIO, offset: int, decoder: StreamDecoder, logs: LogWriter) -> Iterator[Piece]:
     while (size := min(BLOCK, offset - raw.tell())) > 0 and (data := raw.read(size)):
-        yield None, [*router.take(decoder.feed(data))]
+        events = decoder.feed(data)
+        logs.write(events)
+        yield None, events
 
 
 LAST_S = 0.5  #: for decoding what has arrived when the recording is to stop
@@ -84,7 +85,6 @@ class Recorder:
         port: Callable[..., Port] | None = None,
     ):
         self.decoder, self.logs = StreamDecoder(header), LogWriter(folder)
-        self._router = BoardRouter(self.decoder, self.logs)
         self.clock = ClockComparison()
         self.heard: tuple[int, int] | None = None
         self.raw = RawFile(folder)  # locked against other writers from now on
@@ -94,7 +94,7 @@ class Recorder:
         self.connected, self.why, self._closed = False, "", False  # why: why the port is not open
         try:
             if self.raw.size:
-                self._past = stream(folder / RAW, self.decoder, self.logs, self._router)
+                self._past = stream(folder / RAW, self.decoder, self.logs)
             self.setting = BoardSetup(wanted or {})
             self.port = (port or Port)(name, baudrate, self._keep, self.setting)
             self._has_clock = not is_virtual(name)  # a virtual board may run slower or faster than real time
@@ -137,19 +137,10 @@ class Recorder:
         elif decision.kind == "keep":
             self.logs.keep(decision.text)
 
-    def set_apart(self, checkpoints: int) -> list[str]:
-        """Events behind so many checkpoints were another board's, until the port is opened again: rename its logs.
-
-        That is noted for every replay.  Returns the names of such logs, as far as there are any.
-        """
-        number, offset = self._router.set_apart(checkpoints)
-        self.raw.mark(time.monotonic_ns(), f"{WORD} {number}", offset)
-        return [path.name for path in self.logs.paths if path.name.startswith(FOREIGN)]
-
     @property
     def samples(self) -> int:
-        """Number of samples of this recording's own board."""
-        return self._router.samples
+        """Number of samples."""
+        return self.decoder.samples
 
     def close(self) -> None:
         """Stop reading, write what is left, close the files; may be called twice."""
@@ -162,7 +153,7 @@ class Recorder:
             while self._past is None and not self.port.items.empty() and time.monotonic() < deadline:
                 self.poll(0)
             if self._past is None and self.port.items.empty():
-                self._router.take(self.decoder.finish())
+                self.logs.write(self.decoder.finish())
             else:  # a resumed recording completes the logs: nothing is finished here
                 self.undecoded = self.raw.size - self.decoder.taken
         finally:
@@ -195,7 +186,8 @@ class Recorder:
                     self.clock.add(times_ns[-1], int(chunks[-1].t_us[-1]), sum(map(len, chunks)))
                 if chunks:
                     self.heard = times_ns[-1], int(chunks[-1].t_us[-1])
-                events += self._router.take(fresh)
+                self.logs.write(fresh)
+                events += fresh
             else:
                 events += [event for _, item in group for event in self._take_state(item)]
         return events
@@ -209,4 +201,4 @@ class Recorder:
             return []
         self.clock.restart()
         self.heard = None
-        return new_connection(self.decoder, self._router, self._decoded)
+        return new_connection(self.decoder, self.logs)

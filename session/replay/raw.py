@@ -12,7 +12,7 @@ from session.base.files import MB, copy_new, folder_whole, open_file, require_em
 from session.base.questions import QuestionsError
 from session.bench.decoder import StreamDecoder
 from session.bench.frames import damaged_words
-from session.bench.logwriter import FOREIGN, LogWriter, not_logged_words
+from session.bench.logwriter import LogWriter
 from session.bench.rawfile import cut_words
 from session.bench.recorder import BLOCK, stream
 from session.bench.session_file import ASSUMED, NAME, PATIENCE_S, SessionFile
@@ -70,8 +70,7 @@ def convert_raw(raw_path: Path, out: Path, answers: Answers, header: str | None 
                 raise FormatError(f"{raw_path}: no sample among {MOST_SILENT} bytes, behind {samples} samples; cut the file there")
         logs.write(decoder.finish())
         logs.close()
-        own = [path for path in logs.paths if not path.name.startswith(FOREIGN)]
-        if not own:
+        if not logs.paths:
             raise FormatError(
                 f"{raw_path}: no samples among {raw_path.stat().st_size} bytes ({decoder.garbage} are neither frame nor line); "
                 "text in physical units that does not hold its header needs --header t_us,gx_dps,…"
@@ -88,11 +87,9 @@ def convert_raw(raw_path: Path, out: Path, answers: Answers, header: str | None 
     notes += [f"{count} {what}" for what, count in counts.items() if count]
     if decoder.crc_errors:
         notes.append(f"of {decoder.crc_errors} damaged frames {damaged_words(decoder.crc_errors)}")
-    if logs.not_logged:
-        notes.append(not_logged_words(logs.not_logged, logs.not_logged_starts))
     notes += [words] if (words := cut_words(raw_path)) else []
     notes += [ASSUMED] * assumed
-    log = out / own[0].name
+    log = out / logs.paths[0].name
     findings, turns, stills = first_look_at(out)
     steps, took = next_steps(out, findings), _took(raw_path, log)
     return Imported(out, log, ("a port's raw bytes",), decoder.samples, tuple(notes), findings, steps, took, "", turns, stills)

@@ -224,15 +224,12 @@ def faults_of(guide: Guide) -> str:
 def left_out(recorder: Recorder) -> Iterator[str]:
     """Yield data that is in the raw bytes but in no log, or that may be wrong in one."""
     from session.bench.frames import damaged_words
-    from session.bench.logwriter import not_logged_words
 
-    raw, logs = recorder.raw.path, recorder.logs
+    raw = recorder.raw.path
     if crc_errors := recorder.decoder.crc_errors:
         yield f"{raw}: of {crc_errors} damaged frames {damaged_words(crc_errors)}"
     if recorder.undecoded:
         yield f"{raw}: {recorder.undecoded} bytes of it are in no log yet; record --resume goes on with them, or import {raw} --out DIR"
-    if logs.not_logged:
-        yield f"{raw}: {not_logged_words(logs.not_logged, logs.not_logged_starts)}"
 
 
 def missing(guide: Guide) -> str:

@@ -56,9 +56,7 @@ def run(args: Recording) -> int:
     _require_place(folder, args.resume)
     with page_server(args) as page, args.machine(folder, port) as machine:
         with Interruption() as wanted:
-            announce = True
-            while (led := _led(args, folder, port, machine, wanted, page, announce)) is None:
-                announce = False  # the recording began again, without the bytes of another board
+            led = _led(args, folder, port, machine, wanted, page)
         interrupted = _report(args, folder, port, machine, *led)
         if page is not None:
             _end_page(page, args, folder, port, interrupted)
@@ -156,11 +154,10 @@ def _print_next(args: Recording, folder: Path, port: str, guide: Guide, interrup
 
 
 def _led(
-    args: Recording, folder: Path, port: str, machine: Any, wanted: Interruption, page: PageServer | None, announce: bool
-) -> tuple[Guide, Recorder, SessionFile, bool] | None:
-    """Lead one recording to its end; return its parts and whether it was interrupted, or None where it must begin again: it held another
-    board's bytes, which are now in a separate file."""
-    from session.base.errors import CalibrationError, OtherSensor
+    args: Recording, folder: Path, port: str, machine: Any, wanted: Interruption, page: PageServer | None
+) -> tuple[Guide, Recorder, SessionFile, bool]:
+    """Lead the recording to its end; return its parts and whether it was interrupted."""
+    from session.base.errors import CalibrationError
     from session.bench.guided_session import GuidedRecording
     from session.bench.operator import Keyboard
     from session.bench.port import is_virtual
@@ -170,7 +167,7 @@ def _led(
 
     site = Site(args.latitude_deg, args.gravity_mps2)
     session_file = SessionFile(folder, args.like, args.odr_hz, args.gyro_fs_dps, args.accel_fs_g, args.sensor, dict(args.note), site)
-    if announce and args.TURNS:
+    if args.TURNS:
         _print_request(args, folder)
     recorder = Recorder(folder, port, args.baud, args.header, session_file.wanted())
     if recorder.raw.cut:
@@ -197,17 +194,12 @@ def _led(
         failed = error
     finally:
         problem = _closed(recorder, session_file)
-    if failed is not None and problem is None and guided is not None and guided.begin_again:
-        complain(str(failed))
-        return None
     if recorder.raw.trouble is not None:
         raise recorder.raw.trouble
     if (wrong := failed or problem) is not None:
         if guided is None:  # refused before what the folder holds was taken in: there is nothing to count yet
             raise wrong
-        own = isinstance(wrong, OtherSensor)  # which names its files itself
-        counts = f"{guide.so_far}, {recorder.samples} samples" if own else so_far(guide, recorder)
-        raise type(wrong)(f"{wrong}; kept in {folder}: {counts}") from None
+        raise type(wrong)(f"{wrong}; kept in {folder}: {so_far(guide, recorder)}") from None
     return guide, recorder, session_file, interrupted
 
 

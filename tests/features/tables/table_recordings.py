@@ -24,9 +24,9 @@ from session.bench.recorder import Recorder
 from session.bench.session_file import SessionFile
 from session.log.written import toml_text
 from tinygc.features.tables.machines.description import Description, read_description
+from tinygc.features.tables.machines.link import TableFault
 from tinygc.features.tables.machines.makes import open_table
 from tinygc.features.tables.machines.safety import Guarded, Move
-from tinygc.features.tables.machines.verbs import TableFault
 from tinygc.features.tables.machines.virtual import VirtualTable
 from tinygc.features.tables.machines.virtual_motion import Fault
 from tinygc.features.tables.recording import TurnedRecording

@@ -15,10 +15,10 @@ from session.base.errors import CalibrationError, FormatError
 from session.base.units import DEG
 from session.bench.clocks import Clock
 from tinygc.features.tables.machines.description import Description, read_description
+from tinygc.features.tables.machines.link import TableFault, TableLimit
 from tinygc.features.tables.machines.makefile import LONGEST_LINE, Pattern, read_make
-from tinygc.features.tables.machines.makes import MODULES, make_of, makes, open_table, template
+from tinygc.features.tables.machines.makes import make_of, makes, open_table, template
 from tinygc.features.tables.machines.safety import Guarded, Move, plan_lines
-from tinygc.features.tables.machines.verbs import TableFault, TableLimit
 from tinygc.features.tables.machines.virtual import VirtualTable
 from tinygc.features.tables.machines.virtual_motion import FAULTS, Fault
 
@@ -107,8 +107,7 @@ def test_each_make_has_a_first_description_of_more_axes(make, axes, tmp_path):
     directions = np.array([axis.direction for axis in table.axes])
     assert np.array_equal(directions @ directions.T, np.eye(axes))
     assert table.axes[0].name == "outer"
-    if make not in MODULES:
-        Bench(table)
+    Bench(table)
 
 
 def refused_once_changed(read, path, text, before, after, expected):
@@ -175,71 +174,6 @@ def test_no_pattern_makes_a_reader_wait():
 def test_a_description_that_does_not_fit_its_make(table, expected):
     with pytest.raises(FormatError, match=re.escape(expected)):
         open_table(table, link=Bench(description("line")).link, clock=SimulatedClock())
-
-
-VISA_DEVICE = """spec: "1.1"
-devices:
-  table:
-    eom:
-      ASRL INSTR: {q: "\\n", r: "\\n"}
-    dialogues:
-      - {q: "AXIS1:MOV?", r: "0"}
-      - {q: "STAT:STOP?", r: "0"}
-      - {q: "SYST:ERR?", r: "0,No error"}
-      - {q: "SYST:TIME?", r: "3.5"}
-      - {q: "ABOR"}
-      - {q: "HOME"}
-    properties:
-      position:
-        default: 0.0
-        getter: {q: "AXIS1:POS?", r: "{:.5f}"}
-        setter: {q: "AXIS1:POS {:.5f}"}
-        specs: {min: -360, max: 360, type: float}
-      rate:
-        default: 1.0
-        getter: {q: "AXIS1:VEL?", r: "{:.5f}"}
-        setter: {q: "AXIS1:VEL {:.5f}"}
-        specs: {min: 0, max: 360, type: float}
-resources:
-  ASRL1::INSTR: {device: table}
-"""
-
-
-def test_an_instrument_behind_visa(tmp_path):
-    """PyVISA's simulated instruments: no motion, but its real interface."""
-    pytest.importorskip("pyvisa_sim", reason="pyvisa-sim is not installed")
-    device = tmp_path / "device.yaml"
-    device.write_text(VISA_DEVICE)
-    table = replace(description("scpi", visa=f"{device}@sim", answer_s=0.2), port="ASRL1::INSTR")
-    driver = open_table(table)
-    try:
-        driver.turn_to(0, 33 * DEG, 20 * DEG)
-        found = driver.where()
-        assert found.angles[0] == pytest.approx(33 * DEG)
-        assert (found.moving, found.table_s) == (False, 3.5)
-        driver.stop()
-    finally:
-        driver.close()
-    with pytest.raises(TableFault, match=r"lost|does not answer"):
-        open_table(replace(table, port="ASRL7::INSTR")).where()
-
-
-def test_a_stage_behind_libximc(tmp_path):
-    """Its own virtual controller; real time, since the library keeps it."""
-    pytest.importorskip("libximc.highlevel", exc_type=ImportError, reason="libximc is not installed, or not for this system")
-    of = axis("outer", f"xi-emu:///{tmp_path / 'stage.bin'}", fastest_rps=1000 * DEG, acceleration_rps2=5000 * DEG)
-    table = Description("stage", "ximc", (of,), settings={"steps_per_deg": 10.0})
-    guarded = Guarded(open_table(table))
-    assert np.isnan(guarded.where().angles[0])  # it is not homed, and finds no marks
-    guarded.stands_at_zero()
-    guarded.confirm([Move.anywhere(table, 0, 1000 * DEG), Move.at(0, 300 * DEG, 8.0)], None, print)
-    with guarded:
-        guarded.turn_to(0, 60 * DEG, 500 * DEG)
-        assert guarded.settle().angles[0] == pytest.approx(60 * DEG, abs=0.1 * DEG)
-        guarded.turn_at(0, -300 * DEG)
-        assert guarded.where().moving
-        guarded.stop()
-        assert not guarded.where().moving
 
 
 # Nothing moves that nobody confirmed, and nothing beyond its limits.

@@ -19,8 +19,8 @@ from session.bench.guide import Moment
 from session.bench.messages import Stage
 from tinygc.features.tables.machines.angles import AngleFile, AngleLog, header, on_its_clock, read_angles
 from tinygc.features.tables.machines.description import Axis, Description, attitudes, body_axes, read_description, roll_pitch_yaw
+from tinygc.features.tables.machines.link import Where
 from tinygc.features.tables.machines.mover import PAUSE, TableDriver, TableMover, WordAgainstSensor, _DeviceTime
-from tinygc.features.tables.machines.verbs import Where
 from tinygc.features.tables.recording import steps_of
 
 

@@ -6,8 +6,8 @@ from failing_calls import Writer, hold_whole
 from table_recordings import table_toml
 
 from tinygc.features.tables.machines import angles as table_csv
-from tinygc.features.tables.machines import verbs
 from tinygc.features.tables.machines.description import read_description
+from tinygc.features.tables.machines.link import Where
 
 
 def table(folder):
@@ -18,7 +18,7 @@ def angles(*logs):
     def write(folder):
         file = table_csv.AngleFile(folder / "table.csv", read_description(folder / "table.toml"))
         for log in logs:
-            file.add(log, 1000, verbs.Where(np.array([0.1, 0.2]), False))
+            file.add(log, 1000, Where(np.array([0.1, 0.2]), False))
         file.close()
 
     return write

@@ -14,10 +14,10 @@ import numpy as np
 from session.base.units import DEG
 from session.bench.clocks import Clock
 from tinygc.features.tables.machines.description import Axis, Description
+from tinygc.features.tables.machines.link import PRESS, TableFault
 from tinygc.features.tables.machines.makefile import read_make
 from tinygc.features.tables.machines.makes import open_table
 from tinygc.features.tables.machines.safety import Guarded, Move
-from tinygc.features.tables.machines.verbs import PRESS, TableFault
 from tinygc.features.tables.machines.virtual import FIRMWARE, Firmware, VirtualTable
 from tinygc.features.tables.machines.virtual_motion import Fault
 

@@ -21,8 +21,8 @@ from tinygc.estimation.options import Seed
 
 if TYPE_CHECKING:
     from tinygc.features.tables.machines.description import Description
+    from tinygc.features.tables.machines.link import Where
     from tinygc.features.tables.machines.safety import Guarded, Move
-    from tinygc.features.tables.machines.verbs import Where
 
 #: action -> its words, and what it does
 ACTIONS = {
@@ -116,7 +116,7 @@ def _printed(args: Options, lines: Sequence[str], table: dict) -> int:
 
 
 def _check(args: Options, table: Description) -> int:
-    from tinygc.features.tables.machines.makes import MODULES, is_own, make_of
+    from tinygc.features.tables.machines.makes import is_own, make_of
     from tinygc.features.tables.machines.proof import example
 
     lines = [f"{table.name}: make {table.make}, port {table.port or 'none'}"]
@@ -125,21 +125,20 @@ def _check(args: Options, table: Description) -> int:
         most = f"up to {axis.fastest_rps / DEG:g} dps, {axis.acceleration_rps2 / DEG:g} dps/s"
         accuracy = f"angle within {axis.sigma_rad / DEG:g} deg, play {axis.backlash_rad / DEG:g} deg"
         lines.append(f"  {axis.name} ({axis.word}): about {direction}; {axis.limits}; {most}; {accuracy}")
-    if table.make not in MODULES:
-        assert args.table is not None
-        make = make_of(table, args.table.parent)
-        lines += [f"sent for {what}: {text}" for what, text in example(table, make)]
-        if make.warning:
-            lines.append(f"warning: {make.warning}")
-        if make.unchecked:
-            lines.append(f"unchecked in the make's file: {make.unchecked}")
-        if is_own(table):
-            line = f'make_sha256 = "{make.sha256}"'
-            lines.append(
-                f"{table.make} is confirmed as it is"
-                if table.make_sha256 == make.sha256
-                else f"{table.make} is not confirmed; once you have read all of that, write next to make = in {args.table}: {line}"
-            )
+    assert args.table is not None
+    make = make_of(table, args.table.parent)
+    lines += [f"sent for {what}: {text}" for what, text in example(table, make)]
+    if make.warning:
+        lines.append(f"warning: {make.warning}")
+    if make.unchecked:
+        lines.append(f"unchecked in the make's file: {make.unchecked}")
+    if is_own(table):
+        line = f'make_sha256 = "{make.sha256}"'
+        lines.append(
+            f"{table.make} is confirmed as it is"
+            if table.make_sha256 == make.sha256
+            else f"{table.make} is not confirmed; once you have read all of that, write next to make = in {args.table}: {line}"
+        )
     return _printed(args, lines, _state(args, table, None))
 
 

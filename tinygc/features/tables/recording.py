@@ -29,10 +29,10 @@ from session.log.samples import Samples
 from tinygc.features.tables.machines import angles, description
 from tinygc.features.tables.machines.angles import AngleFile, write_attitudes
 from tinygc.features.tables.machines.description import Axis, Description, read_description
+from tinygc.features.tables.machines.link import TableLimit
 from tinygc.features.tables.machines.makes import open_table
 from tinygc.features.tables.machines.mover import MOST_OF_SCALE, MachineMover, TableDriver, TableMover
 from tinygc.features.tables.machines.safety import Guarded, Move, ask_person
-from tinygc.features.tables.machines.verbs import TableFault, TableLimit, Where
 from tinygc.features.tables.planner import TableMoves, plan_of
 from tinygc.models.linear import PARAMETERS
 from tinygc.planning.turns import Turn
@@ -235,7 +235,7 @@ class TurnedRecording:
                 self._table.stands_at_zero()
             if not home:
                 self._table.require_angles()
-                angles = self._angles(self._table.where())
+                angles = self._table.where().angles
         except BaseException:
             self.close()
             raise
@@ -295,7 +295,7 @@ class TurnedRecording:
         if self._home and self._table is not None:
             self._table.confirm([Move.home()], None, lambda line: None)
             self._table.home()
-            self.moves.angles = self._angles(self._table.settle())
+            self.moves.angles = self._table.settle().angles
 
     def guide(self, protocol: Protocol) -> RatesGuide:
         """The guide of the rate steps that were confirmed."""
@@ -356,12 +356,6 @@ class TurnedRecording:
     def close(self) -> None:
         """Bring the table to rest, and let go of it."""
         self._guards.close()
-
-    def _angles(self, where: Where) -> np.ndarray:
-        """Angles (K,) rad of a table that knows them."""
-        if not np.isfinite(where.angles).all():
-            raise TableFault(f"{self.description.name}: it does not know its angles; --home, or `table home`, then begin again")
-        return where.angles
 
     def _open(self) -> Guarded:
         return self._guards.enter_context(self._opened(self.description, self.file.parent))

@@ -32,7 +32,7 @@ from session.log.samples import Samples
 from session.log.written import attitudes_text
 from tinygc.features.tables.machines.description import NAME as TABLE
 from tinygc.features.tables.machines.description import Description, attitudes, read_description, roll_pitch_yaw
-from tinygc.features.tables.machines.verbs import Where
+from tinygc.features.tables.machines.link import Where
 
 NAME = "table.csv"
 COLUMNS = ("log", "t_us", "table_s", "moving")

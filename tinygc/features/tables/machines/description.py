@@ -40,7 +40,7 @@ class Settings(Shape):
     """Numbers, texts and flags by name; of the numbers that every make has (``number``) none is 0 where that means nothing."""
 
     #: settings of every make, and what they are where neither its file nor table.toml states otherwise
-    usual: ClassVar[Mapping[str, float | str | bool]] = {
+    usual: ClassVar[Mapping[str, float]] = {
         "per_deg": 1.0,  # units of an angle, in requests and answers, per degree
         "rate_per_dps": 1.0,  # units of a rate per degree per second
         "count_per_deg": 1.0,  # of a {count} that is answered
@@ -51,7 +51,6 @@ class Settings(Shape):
         "rest_dps": 0.01,  # a {rate} below it is rest
         "same_s": 0.4,  # angles that stay for so long are rest, where nothing else decides it
         "clock_per_s": 1.0,  # units of a {clock} per second
-        "visa": "",  # PyVISA's library, as @py
     }
     may_be_zero = ("decimals", "open_s")
 
@@ -61,7 +60,7 @@ class Settings(Shape):
             self.refuse(value, where)
         for name, given in value.items():
             is_number = isinstance(given, int | float) and not isinstance(given, bool)
-            if name in self.usual and name != "visa":
+            if name in self.usual:
                 if not (is_number and 0 < abs(given) < 1e9) and not (name in self.may_be_zero and given == 0):
                     raise Mismatch(f"{where}.{name} is {shown(given)}, expected a number that is not 0")
                 if name == "decimals" and not (isinstance(given, int) and 0 <= given <= 9):

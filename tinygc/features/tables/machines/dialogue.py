@@ -1,5 +1,8 @@
 """A table of a make that is data: requests, answers, and all that a line does to them, behind the five verbs.
 
+A verb that moves starts the motion and returns; ``where`` states when it has ended.  Nothing here moves without ``safety.Guarded``, which
+checks limits before each move.  All verbs raise TableFault where the table does not answer, and for a fault that it reports.
+
 A request is sent whole, then its acknowledgement is awaited; what else comes meanwhile is looked at: an alarm, a restart, an error.  Bytes
 that are left from earlier answers (late, doubled) are thrown away before a request.  ``stop`` waits for no one: it writes at once, from any
 thread, and a motion whose requests are half sent ends there.
@@ -14,9 +17,9 @@ import numpy as np
 from session.base.units import DEG
 from session.bench.clocks import Clock
 from tinygc.features.tables.machines.description import AGAIN, Description
+from tinygc.features.tables.machines.link import SerialLink, TableFault, TableLimit, Where
 from tinygc.features.tables.machines.makefile import LONGEST_LINE, UNKNOWN, Make, Pattern, Step, matched
 from tinygc.features.tables.machines.proof import request_text, require_travel, sent_text
-from tinygc.features.tables.machines.verbs import Link, Table, TableFault, TableLimit, Where
 
 #: how often ``where`` asks again where an answer is missing or garbled
 TRIES = 3
@@ -34,10 +37,14 @@ STOP_S, POLL_STOP_S = 0.3, 0.05
 STATE_S = 0.2
 
 
-class Dialogue(Table):
-    """``Table`` over a link, of a make that is fitted to it (``proof.fitted``).  Opening sends nothing; with ``stops`` a stop, at once."""
+class Dialogue:
+    """A table over a link, of a make that is fitted to it (``proof.fitted``).  Opening sends nothing; with ``stops`` a stop, at once.
 
-    def __init__(self, description: Description, make: Make, link: Link, clock: Clock, stops: bool = False):
+    has_rate_mode: whether it turns at a rate by itself; angles_lost: it has restarted, and was not homed since; warning: what whoever lets
+    it move must know.
+    """
+
+    def __init__(self, description: Description, make: Make, link: SerialLink, clock: Clock, stops: bool = False):
         self.description, self.make, self._link, self._clock = description, make, link, clock
         self.has_rate_mode, self.angles_lost, self.warning = bool(make.requests.turn_at), False, make.warning
         self._settings = make.settings

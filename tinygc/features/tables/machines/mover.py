@@ -25,8 +25,8 @@ from session.bench.messages import AxisMove, GuideMessage, Kind, Stage
 from session.detect.segments import angle_read
 from tinygc.features.tables.machines.angles import AngleFile
 from tinygc.features.tables.machines.description import Description, attitudes, body_axes
+from tinygc.features.tables.machines.link import PRESS, TableFault, TableLimit, Where
 from tinygc.features.tables.machines.safety import REST_S, Guarded
-from tinygc.features.tables.machines.verbs import PRESS, TableFault, TableLimit, Where
 
 if TYPE_CHECKING:
     from tinygc.features.tables.planner import TableMoves

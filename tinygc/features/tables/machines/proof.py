@@ -26,8 +26,8 @@ from session.base.errors import FormatError
 from session.base.results import Keys, require
 from session.base.units import DEG
 from tinygc.features.tables.machines.description import AGAIN, Description, Settings
+from tinygc.features.tables.machines.link import TableLimit
 from tinygc.features.tables.machines.makefile import LONGEST_LINE, PLACE, Controller, Make, Step
-from tinygc.features.tables.machines.verbs import TableLimit
 
 #: G-code that a turn may hold: a motion at a rate, degrees as millimetres, machine coordinates, absolute, a rate per minute
 MODAL = re.compile(r"(?<![A-Z0-9.])G0*+(?:1|21|53|90|94)(?![\d.])", re.IGNORECASE)

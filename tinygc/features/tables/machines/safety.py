@@ -34,7 +34,8 @@ from session.base.texts import printable
 from session.base.units import DEG
 from session.bench.clocks import Clock
 from tinygc.features.tables.machines.description import Description
-from tinygc.features.tables.machines.verbs import PRESS, Table, TableFault, TableLimit, Where
+from tinygc.features.tables.machines.dialogue import Dialogue
+from tinygc.features.tables.machines.link import PRESS, TableFault, TableLimit, Where
 
 T = TypeVar("T")
 A = TypeVar("A", np.ndarray, None)
@@ -145,13 +146,13 @@ class _Motion:
 
 
 class Guarded:
-    """A ``Table`` that does nothing which was not confirmed, and stops for everything that looks wrong.  Use it as a context.
+    """A table that does nothing which was not confirmed, and stops for everything that looks wrong.  Use it as a context.
 
     ``confirm`` first.  ``where`` is to be called some times a second while it moves; ``settle`` does that.  ``stop`` may be called from any
     thread.  TableLimit for what is not allowed (nothing is sent), TableFault for what went wrong (the table was stopped).
     """
 
-    def __init__(self, table: Table, clock: Clock | None = None):
+    def __init__(self, table: Dialogue, clock: Clock | None = None):
         self.description = table.description
         self._table, self._clock = table, clock or Clock()
         self._allowed: list[Move] = []
@@ -225,8 +226,7 @@ class Guarded:
         self._allowed = list(moves)
 
     def stands_at_zero(self) -> None:
-        """A person confirms that every axis stands at its zero: a controller that restarted is right with its angles, or is set to zero."""
-        self._table.set_zero()
+        """A person confirms that every axis stands at its zero: a controller that restarted is right with its angles."""
         self._table.angles_lost = False
 
     def require_angles(self) -> None:
@@ -299,9 +299,7 @@ class Guarded:
         angles = self.where().angles if direct else self._resting_angles()
         self.require_angles()
         if not direct:
-            if not np.isfinite(here := angles[axis]):
-                raise TableLimit(f"{self.description.name}: {of.name} does not report where it is: home it; nothing was moved")
-            limit = of.most_rad if rate_rps > 0 else of.least_rad
+            limit, here = of.most_rad if rate_rps > 0 else of.least_rad, angles[axis]
             if (limit - here) * np.sign(rate_rps) < TOLERANCE_RAD:
                 raise TableLimit(f"{self.description.name}: {of.name} is at its limit of {limit / DEG:g} deg; nothing was moved")
             end = float(np.clip(here + rate_rps * longest_s, of.least_rad, of.most_rad))

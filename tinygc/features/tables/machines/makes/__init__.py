@@ -1,4 +1,4 @@
-"""Makes of tables: a file of dialogues each, or a module for what speaks no lines.  ``open_table`` opens any of them."""
+"""Makes of tables, a file of dialogues each.  ``open_table`` opens any of them."""
 
 from __future__ import annotations
 
@@ -9,19 +9,16 @@ from session.base.texts import command_line, comment
 from session.bench.clocks import Clock
 from tinygc.features.tables.machines.description import AGAIN, Description
 from tinygc.features.tables.machines.dialogue import Dialogue
+from tinygc.features.tables.machines.link import PRESS, SerialLink
 from tinygc.features.tables.machines.makefile import Make, read_make
-from tinygc.features.tables.machines.makes import ximc
 from tinygc.features.tables.machines.proof import fitted
-from tinygc.features.tables.machines.verbs import PRESS, Link, SerialLink, Table, VisaLink
 
-#: makes that are code, and those that are files
-MODULES = {"ximc": ximc}
 FILES = {path.stem: path for path in sorted(Path(__file__).parent.glob("*.toml"))}
 
 
 def makes() -> dict[str, str]:
     """Name -> title of each make."""
-    return {name: read_make(path).title for name, path in FILES.items()} | {name: module.TITLE for name, module in MODULES.items()}
+    return {name: read_make(path).title for name, path in FILES.items()}
 
 
 def make_of(table: Description, folder: Path | None = None) -> Make:
@@ -41,14 +38,13 @@ def is_own(table: Description) -> bool:
 def make_of_name(name: str) -> Make:
     """A make that comes with the tool.  FormatError where it is none, or no file."""
     if name not in FILES:
-        known = ", ".join([*FILES, *MODULES])
-        raise FormatError(f"no make {name[:40]!r}; it is one of {known}, or a file of your own such as ./mine.toml; {AGAIN}")
+        raise FormatError(f"no make {name[:40]!r}; it is one of {', '.join(FILES)}, or a file of your own such as ./mine.toml; {AGAIN}")
     return read_make(FILES[name])
 
 
 def open_table(
-    table: Description, folder: Path | None = None, link: Link | None = None, clock: Clock | None = None, stops: bool = False
-) -> Table:
+    table: Description, folder: Path | None = None, link: SerialLink | None = None, clock: Clock | None = None, stops: bool = False
+) -> Dialogue:
     """Open the machine of a description; link: instead of its port; stops: to stop it, before it has answered anything.
 
     It moves only through ``safety.Guarded``.
@@ -57,8 +53,6 @@ def open_table(
     (``make_sha256``), before the port is opened; TableFault where nothing answers.
     """
     clock = clock or Clock()
-    if table.make in MODULES:
-        return MODULES[table.make].open_table(table, clock)
     make = make_of(table, folder)
     if is_own(table) and table.make_sha256 != make.sha256:
         why = "has changed since it was confirmed" if table.make_sha256 else "does not come with the tool, and no one has confirmed it"
@@ -68,9 +62,7 @@ def open_table(
     if link is None and not table.port:
         raise FormatError(f'{table.name}: has no port; give it one, such as port = "/dev/ttyUSB0"; {AGAIN}')
     if link is None:
-        is_visa = "::" in table.port
-        baud = table.baud or make.baud
-        link = VisaLink(table.port, baud, str(table.settings.get("visa", ""))) if is_visa else SerialLink(table.port, baud, clock)
+        link = SerialLink(table.port, table.baud or make.baud, clock)
     try:
         return Dialogue(table, make, link, clock, stops)
     except BaseException:
@@ -85,7 +77,9 @@ TEMPLATE = """\
 schema = "{schema}"
 name = "my table"
 make = "{make}"  # {title}
-{remarks}{port}
+{unchecked}port = "/dev/ttyUSB0"  # <-- `record --port list` lists the ports
+baud = {baud}
+
 # From the sensor's axes to the innermost stage, all angles at zero: rows of a rotation matrix.  Known to a degree is enough.
 mounting = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]  # <--
 {settings}
@@ -117,28 +111,19 @@ BELOW = "least_deg = -180         # <-- what the cable allows, from -$130 on\nmo
 SETTINGS = {
     "grbl": ("homing = true  # false without limit switches ($22 = 0)", "XYZ"),
     "scpi": ("", ("AXIS1", "AXIS2", "AXIS3")),
-    "ximc": (
-        "steps_per_deg = 100  # full steps of the motor to a degree of the stage  <--",
-        tuple(f"xi-com:///dev/ttyACM{number}" for number in range(3)),
-    ),
 }
 
 
 def template(make: str, axes: int = 1) -> str:
     """A first ``table.toml``, with a comment on each key, of one to three axes.  FormatError for a make that is not there."""
     settings, words = SETTINGS.get(make, ("", ()))
-    if make in MODULES:
-        title, remarks, port = MODULES[make].TITLE, "", ""
-    else:
-        of = make_of_name(make)
-        title, remarks = of.title, f"# Unchecked: {comment(of.unchecked)}\n" if of.unchecked else ""
-        port = f'port = "/dev/ttyUSB0"  # <-- `record --port list` lists the ports\nbaud = {of.baud}\n'
+    of = make_of_name(make)
     text = TEMPLATE.format(
         schema=Description.schema,
         make=make,
-        title=comment(title),
-        remarks=remarks,
-        port=port,
+        title=comment(of.title),
+        unchecked=f"# Unchecked: {comment(of.unchecked)}\n" if of.unchecked else "",
+        baud=of.baud,
         settings=f"\n[settings]\n{settings}\n" if settings else "",
     )
     for (name, direction), word in zip(AXES[axes - 1].items(), words or AXES[axes - 1], strict=False):

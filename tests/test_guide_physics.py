@@ -60,6 +60,14 @@ def test_what_the_guide_accepts_the_log_holds():
         assert abs(mine.segment.turn_deg - theirs.turn_deg) < 1.5
 
 
+def test_turns_have_the_numbers_that_a_fit_gives_them():
+    samples = Table().rest(3).turn(120, (1, 0, 0), 3).rest(2.5).turn(20, (0, 1, 0), 1).rest(2.5).turn(90, (0, 1, 0), 3).rest(2.5).samples()
+    changes = play(guide_of(), samples)
+    texts = [change.text.split(":")[0] for change in changes if change.kind in (Kind.ACCEPTED, Kind.REJECTED)]
+    assert texts == ["turn 0 accepted", "turn 1 rejected", "turn 2 accepted"]
+    assert [(s.number, s.turn_deg > 30) for s in offline(samples)] == [(0, True), (1, False), (2, True)]
+
+
 def test_two_turns_go_through_all_stages_and_are_counted():
     """The countdown of the first still runs down; what was turned, and what was up, is said."""
     guide = guide_of(2)

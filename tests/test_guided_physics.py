@@ -255,7 +255,7 @@ def test_the_last_turn_is_dropped_where_it_moved():
     _, guide, said, notes = keyed(2, (7.1, "d"))
     assert (guide.accepted, guide.dropped) == (1, 1)
     assert 6 < notes.rows[0][1] < 7.5
-    assert "turn dropped, as requested" in said.texts(Kind.STAGE)
+    assert "turn 1 dropped, as requested" in said.texts(Kind.STAGE)
 
 
 def test_f_before_the_targets_are_met_ends_nothing_and_names_the_way_to_end():

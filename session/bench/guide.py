@@ -432,8 +432,8 @@ class Guide:
             return Instruction(self.stage, "enough: finish now", f"{self.so_far}; {FINISH_WORDS}, or turn on")
         do = advice.words if advice else self.any_turn
         if not turn.moving:
-            waits = f"turn {self.accepted + 1}{'' if self.stop_at_target else f' of {self.segments}'}"
-            return Instruction(self.stage, do, advice.reason if advice and advice.reason else waits)
+            made = f"{self.accepted}{'' if self.stop_at_target else f' of {self.segments}'} turns made"
+            return Instruction(self.stage, do, advice.reason if advice and advice.reason else made)
         full_scale_dps, peak_dps = self._sensor.gyro_fs_dps, turn.peak_rps / DEG
         turned = f"turned {turn.path_rad / DEG:.0f}° so far"
         if peak_dps > PEAK_FULL_SCALE * full_scale_dps:
@@ -529,20 +529,20 @@ class Guide:
         if segment is None:
             self._announce(Kind.READY, f"the first still holds ({still.duration_s:.1f} s): turn")
             return
-        problem = why_not(segment)
+        problem, number = why_not(segment), self.accepted + self.rejected + self.dropped  # as `check`, `fit` and `view` count it
         self.here.refused = True
         if any(moved_at(segment, examined.samples, at_ns * NS) for at_ns in self.here.dropped_ns):
             self.dropped += 1
-            self._announce(Kind.STAGE, "turn dropped, as requested")
+            self._announce(Kind.STAGE, f"turn {number} dropped, as requested")
         elif problem:
             self.rejected += 1
-            self._announce(Kind.REJECTED, f"turn rejected: {problem}")
+            self._announce(Kind.REJECTED, f"turn {number} rejected: {problem}")
         else:
             self.here.refused = False
             turn = accepted_turn(segment, examined, self.log, self._before_s, self.here.began_ns)
             self.taken.turns.append(turn)
             note = f"; {segment.note}" if segment.note else ""
-            self._announce(Kind.ACCEPTED, f"turn accepted: {segment.turn_deg:.0f}° in {segment.turn_s:.1f} s{note}", turn)
+            self._announce(Kind.ACCEPTED, f"turn {number} accepted: {segment.turn_deg:.0f}° in {segment.turn_s:.1f} s{note}", turn)
             if self.accepted >= self.segments:
                 self._turns_done()
 

@@ -76,14 +76,19 @@ def test_the_name_alone_shows_the_help_and_is_no_success(run):
         ([], None, None, "no limit", "report s\n  or, for PASS or FAIL: python calibrate.py fit s --limit DEG"),
         ([], None, "known", "no limit", "report s"),
         ([], None, None, "pass", "report s"),
+        ([], None, None, "reported", "apply s s -o calibrated.csv\n  or: python calibrate.py export s --to c"),
     ],
 )
-def test_fit_names_what_it_needs_in_its_last_line(suspected, latitude_deg, profile, answer, following):
+def test_fit_and_report_name_what_is_next_in_their_last_line(suspected, latitude_deg, profile, answer, following, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "s" / "fit").mkdir(parents=True)
+    (tmp_path / "s" / "fit" / "fit.json").touch()
     config = SimpleNamespace(site=SimpleNamespace(latitude_deg=latitude_deg), sensor=SimpleNamespace(profile=profile))
-    session = SimpleNamespace(folder=Path("s"), config=config)
+    session = SimpleNamespace(folder=Path("s"), config=config, logs=(None,))
     allowed = SimpleNamespace(suspected=suspected)
     result = SimpleNamespace(session=session, file_to_use="m.json", tests=[], allowed=allowed, physics=None)
-    assert next_line(result, SimpleNamespace(passed=True, answer=answer)).plain == f"next: python calibrate.py {following}"
+    decision = SimpleNamespace(passed=True, answer=answer)
+    assert next_line(result, decision, reported=answer == "reported").plain == f"next: python calibrate.py {following}"
 
 
 def test_what_fit_says_to_run_next_has_the_effects_that_it_was_given(tmp_path):

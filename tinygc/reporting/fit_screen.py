@@ -87,8 +87,9 @@ def next_line(result: FitResult, decision: Acceptance, effects: Sequence[Path] =
         return one_line(f"next: {command_line('report', folder, *given_effects(effects))}")
     if not (folder / "fit" / "fit.json").is_file():
         return one_line(f"next: {command_line('fit', folder, *given_effects(effects))}")
-    more = given_effects(effects)
-    apply, export = command_line("apply", folder, "LOG.csv", "-o", "OUT.csv", *more), command_line("export", folder, "--to", "c", *more)
+    more, logs = given_effects(effects), result.session.logs
+    log = folder if len(logs) == 1 else logs[0].path  # the folder stands for its only log
+    apply, export = command_line("apply", folder, log, "-o", "calibrated.csv", *more), command_line("export", folder, "--to", "c", *more)
     return one_line(f"next: {apply}").append("\n").append_text(one_line(f"  or: {export}"))
 
 

@@ -119,6 +119,17 @@ def test_a_log_with_a_step_exits_with_1_and_says_why(tmp_path, model, capsys):
         tinygc.watch(model, 3)
 
 
+def test_a_live_alarm_has_its_next_step_at_once(tmp_path, model, capsys, monkeypatch):
+    (tmp_path / "log.csv").write_text(csv(STEP))
+    with (tmp_path / "log.csv").open() as stream:
+        monkeypatch.setattr("sys.stdin", stream)
+        assert run(model, "-") == 1
+    lines = capsys.readouterr().out.splitlines()
+    (alarm,) = (number for number, line in enumerate(lines) if "ALARM" in line)
+    assert lines[alarm + 1] == lines[-1] == "next: use the new bias (verify --write)"
+    assert lines[-2].startswith("DOES NOT HOLD: 1 alarm in ")
+
+
 def test_a_log_that_holds_exits_with_0_and_one_without_rest_with_5(tmp_path, model, capsys):
     readings = samples(20, 1)
     (tmp_path / "log.csv").write_text(csv(readings))

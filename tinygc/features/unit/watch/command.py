@@ -56,6 +56,8 @@ def run(args: Options) -> int:
             if event.kind in shown:
                 (later.append if is_log else output(args).print)(f"{event.t_s:10.1f} s  {event.words}")
             advice = event.table.get("advice", advice)
+            if event.kind == "alarm" and not is_log:
+                output(args).print(f"next: {advice}")
             if lines is not None:
                 lines.write(event.to_json())
             if event.kind == "alarm":

@@ -15,6 +15,8 @@ from session.detect.findings import Finding, worst
 from session.detect.first_look import check_folder, check_session
 from session.log.config import Accelerometer, LeftOut
 
+RATES = {1.0: "give sensor.gyro_noise_mdps_rthz", 1 / DEG: "are these rates in dps?", DEG: "are these rates in rad/s?"}
+
 REACH_RPS = 32767 * 17.5e-3 * DEG
 LSB = 0.0175 * DEG
 
@@ -29,6 +31,13 @@ def good():
 def short():
     """Enough for what needs no turns."""
     return session_of(Table().tumble(3, seed=5).samples())
+
+
+@pytest.mark.parametrize("times", RATES)
+def test_at_rest_the_noise_of_an_unknown_sensor_asks_for_the_unit(times):
+    samples = Table().rest(20).samples()
+    findings = look(session_of(samples, raw=False, model="unknown"), gyro=times * samples.gyro)
+    assert RATES[times] in of(findings, "gyro noise").do
 
 
 def test_good_data_has_no_warning_every_check_says_its_number_and_nothing_is_changed(good):

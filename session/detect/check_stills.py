@@ -31,6 +31,8 @@ UNSEEN_SHARE = 1 / 3
 NOISE_RATIO = 3.0  #: units differ by 1.4 at most
 #: share of the noise's power that lines must hold, or the other sensor follow, before they are a reason: 5 % of its size
 VIBRATION = 0.1
+#: mdps/√Hz of nearly all MEMS gyroscopes: so narrow that dps and rad/s, by a factor of 57, cannot both lie in it
+MEMS_MDPS_RTHZ = (1.0, 50.0)
 #: findings on the noise at rest
 GYRO_NOISE, ACCEL_NOISE = "gyro noise", "accelerometer noise"
 GRAVITY_OK = 0.02  #: an accelerometer's sensitivity tolerance
@@ -142,9 +144,18 @@ def check_noise(where: str, noise: Noise | None, sensor: Sensor, samples: Sample
     mdps, ug = noise.gyro / MDPS, noise.accel / MG * 1e3
     spectrum = partial(rest_spectrum, samples, stills)
     return [
-        _noise_finding(where, GYRO_NOISE, xyz_text(mdps, 1) + " mdps/√Hz", mdps, gyro, "give sensor.gyro_noise_mdps_rthz", spectrum),
+        _noise_finding(where, GYRO_NOISE, xyz_text(mdps, 1) + " mdps/√Hz", mdps, gyro, _unit_at_rest(mdps), spectrum),
         _noise_finding(where, ACCEL_NOISE, xyz_text(ug, 0) + " µg/√Hz", ug, accel, "", spectrum),
     ]
+
+
+def _unit_at_rest(mdps: np.ndarray) -> str:
+    """What to do where the sensor's noise is not known: at rest it alone can show that rates are in another unit than is stated."""
+    low, high = MEMS_MDPS_RTHZ
+    for unit, other in (("dps", mdps * DEG), ("rad/s", mdps / DEG)):
+        if not low <= mdps.max() <= high and low <= other.max() <= high:
+            return f"MEMS gyroscopes have {low:g} to {high:g}: are these rates in {unit}? Their unit is read as it is stated"
+    return "give sensor.gyro_noise_mdps_rthz"
 
 
 def _of_model(sensor: Sensor, figure: str) -> tuple[str, float] | None:

@@ -1,7 +1,7 @@
 """The denoiser's trade-off: noise at rest, delay and closure, by loss, beside Butterworth and Savitzky-Golay filters of its delay.
 
 Simulated sessions of an ASM330LHH at 208 Hz: a fit to all segments, a denoiser trained on the same, and then judged on another log of the
-same sensor that neither has seen (half of the segments), and on the closure run.  Recordings of ../shared/closure as well.
+same sensor that neither has seen (half of the segments), and on the closure run.
 
 - noise at rest: by how much the standard deviation in the unseen stills falls
 - delay: of a slow movement, in ms
@@ -16,10 +16,9 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
-from closure_table import RECORDINGS, rms
+from closure_table import rms
 from common import in_parallel, markdown, simulated
 from scipy.signal import butter, lfilter, lfilter_zi, savgol_coeffs
 
@@ -77,23 +76,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--sessions", type=int, default=8, help="simulated sessions (%(default)s)")
     parser.add_argument("--seed", type=int, default=5000, help="of the first session (%(default)s)")
-    parser.add_argument("--recordings", type=Path, default=RECORDINGS, metavar="DIR", help="folder of recorded sessions (%(default)s)")
     args = parser.parse_args()
-    folders = sorted(path.parent for path in args.recordings.glob("*/session.toml"))
-    results = in_parallel(one_session, [*folders, *range(args.seed, args.seed + args.sessions)], "session")
-    header = ["", "noise at rest", "delay", "in motion", "closure, segments", "closure run, deg"]
-    print(f"Simulated, medians of {args.sessions} sessions:\n")
-    print(markdown(header, _rows(results[len(folders) :])))
-    for folder, result in zip(folders, results, strict=False):
-        print(f"\n{folder.parent.name}/{folder.name}:\n")
-        print(markdown(header, _rows([result])))
+    results = in_parallel(one_session, range(args.seed, args.seed + args.sessions), "session")
+    header = ["", "noise at rest", "delay", "in motion", "closure", "closure run, °"]
+    print(markdown(header, _rows(results)))
 
 
-def one_session(source: Path | int) -> dict:
+def one_session(seed: int) -> dict:
     """Figures by the filter's name."""
-    if isinstance(source, Path):
-        return _figures(read_session(source))
-    with simulated(SimulationOptions(seed=source, closure_s=55.0)) as folder:
+    with simulated(SimulationOptions(seed=seed, closure_s=55.0)) as folder:
         return _figures(read_session(folder))
 
 
@@ -108,11 +99,11 @@ def _figures(session: Session) -> dict:
     calibrated = _closures(unseen, run, net, net)[0]
     filters = {
         "calibrated alone": Filter(np.ones(1), np.ones(1), 0),
-        "endpoint": train_denoiser(seen, net, "endpoint").model,
+        "endpoint (the paper's loss)": train_denoiser(seen, net, "endpoint").model,
         "endpoint, as in the paper": train_adamw(seen, net, 0, lambda done, of: None).model,
-        f"neighbours, {DELAY} samples": train_denoiser(seen, net).model,
-        "Butterworth": butterworth(DELAY),
-        "Savitzky–Golay": savitzky_golay(DELAY),
+        f"**neighbours, {DELAY} samples** (default)": train_denoiser(seen, net).model,
+        "Butterworth of the same delay": butterworth(DELAY),
+        f"Savitzky–Golay (cubic, {TAPS} samples)": savitzky_golay(DELAY),
     }
     return {name: _judge(unseen, run, net, model, calibrated) for name, model in filters.items()}
 

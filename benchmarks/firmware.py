@@ -1,4 +1,4 @@
-"""The exported C on an emulated Cortex-M4F: sizes, instructions a sample, and how far it is from NumPy, PyTorch and double precision.
+"""The exported C on an emulated Cortex-M4F: sizes, instructions a sample, and how far it is from NumPy, bit by bit, and from PyTorch.
 
 QEMU counts instructions, not cycles: a load or a taken branch takes two or more.  Needs the tools of
 docs/firmware.md.
@@ -48,27 +48,13 @@ def main() -> None:
         folder = Path(name)
         files = [args.model] if args.model else _fitted(args.session, folder)
         chosen = {path.stem.removeprefix("model_"): models.load(path) for path in files}
-        costs, distances = [], []
+        rows = []
         for method, model in chosen.items():
             progress(method)
-            rows, distance = _measure(method, model, session, folder / method, args.samples)
-            costs += rows
-            distances.append(distance)
+            rows.append(_measure(method, model, session, folder / method, args.samples))
     progress("")
-    head = ["model", "parameters", "flags", "code, bytes", "weights", "state", "self-test", "instructions", f"of 168 MHz at {ODR_HZ} Hz"]
-    print(markdown(head, costs))
-    print()
-    against = [
-        "NumPy, bits",
-        "PyTorch, random",
-        "PyTorch, turns to 250 dps",
-        "PyTorch, to 500 dps",
-        "double, random",
-        "double, to 500 dps",
-        "PyTorch from double",
-    ]
-    against.append("self-test")
-    print(markdown(["model", *against], distances))
+    head = ["model", "parameters", "code", "weights", "state", "instructions", "share", "unlike NumPy", "off PyTorch, rad/s"]
+    print(markdown(head, rows))
 
 
 def _fitted(session: Path, folder: Path) -> list[Path]:
@@ -77,8 +63,8 @@ def _fitted(session: Path, folder: Path) -> list[Path]:
     return [folder / f"model_{method}.json" for method in METHODS]
 
 
-def _measure(method: str, model, session: Session, folder: Path, samples: int) -> tuple[list[list[str]], list[str]]:
-    """Rows of the first table, and the row of the second."""
+def _measure(method: str, model, session: Session, folder: Path, samples: int) -> list[str]:
+    """The row of a model: bytes, instructions a sample, their share of the core at the data rate, and what differs from Python."""
     chosen = program(model)
     sensor = Registers.of(session.config) or Registers()
     folder.mkdir()
@@ -86,24 +72,12 @@ def _measure(method: str, model, session: Session, folder: Path, samples: int) -
         (folder / name).write_text(text)
     inputs = _random(sensor, samples)
     expected = chosen.run(Inputs.of(inputs[:, :3], inputs[:, 3:6], inputs[:, 6]))
-    rows, differ, said = [], 0, []
-    for flags in ("-Os", "-O2", "-O2 -ffp-contract=fast"):
-        build = folder / flags.replace(" ", "")
-        found = kit.run(kit.build("kit.elf", folder, build, flags), inputs, folder)
-        size = kit.sizes(build)
-        share = found.instructions * ODR_HZ / CORE_HZ
-        numbers = [size.code, size.weights, size.state, size.self_test, round(found.instructions)]
-        rows.append([method, str(chosen.parameters), f"`{flags}`", *map(str, numbers), f"{100 * share:.2f} %"])
-        if "fast" not in flags:
-            differ += np.count_nonzero(found.rates.view(np.uint32) != expected.view(np.uint32))
-        verdict = f"failed at {found.self_test}" if found.self_test else "exact" if found.exact else "passed"
-        said.append(verdict)
-    rate = inputs[:, :3]
-    torch_off = [_pytorch(model, chosen, samples) for samples in (rate, _turning(250), _turning(500))]
-    fast = _turning(500)
-    from_double = [_from_double(model, chosen.run(Inputs.of(rates)), rates) for rates in (rate, fast)]
-    from_double.append(_from_double(model, _in_pytorch(model, fast), fast))
-    return rows, [method, f"{differ} of {expected.size}", *torch_off, *from_double, ", ".join(said)]
+    found = kit.run(kit.build("measure.elf", folder, folder / "-Os", "-Os"), inputs, folder)
+    size = kit.sizes(folder / "-Os")
+    differ = np.count_nonzero(found.rates.view(np.uint32) != expected.view(np.uint32))
+    numbers = [chosen.parameters, size.code, size.weights, size.state, round(found.instructions)]
+    share = f"{100 * found.instructions * ODR_HZ / CORE_HZ:.2f}%"
+    return [method, *map(str, numbers), share, f"{differ} of {expected.size}", _pytorch(model, chosen, inputs[:, :3])]
 
 
 def _random(registers: Registers, samples: int) -> np.ndarray:
@@ -113,29 +87,11 @@ def _random(registers: Registers, samples: int) -> np.ndarray:
     return np.column_stack([rate, 9.8 * rng.normal(size=(samples, 3)), rng.uniform(10, 40, samples)]).astype(np.float32)
 
 
-def _turning(top_dps: float) -> np.ndarray:
-    """A hand's movement (N, 3) rad/s, with the sensor's noise."""
-    rng, t_s = np.random.default_rng(1), np.arange(10_000) / 208
-    rate = top_dps * DEG * np.sin(2 * np.pi * np.outer(t_s, [0.2, 0.3, 0.15])) + 1e-3 * rng.normal(size=(len(t_s), 3))
-    return rate.astype(np.float32)
-
-
 def _pytorch(model, chosen: Program, rate: np.ndarray) -> str:
-    """Largest difference in rad/s from the model in PyTorch, float32."""
-    theirs = _in_pytorch(model, rate)
-    return "–" if theirs is None else f"{np.abs(theirs - chosen.run(Inputs.of(rate))).max():.1e}"
-
-
-def _in_pytorch(model, rate: np.ndarray) -> np.ndarray | None:
-    """Rates (N, 3) by PyTorch in float32; None for physics, which is not in PyTorch."""
+    """Largest difference in rad/s from the model in PyTorch, float32; none for physics, which is not in PyTorch."""
     if not model.rates_only:
-        return None
-    return _single(model)(torch.tensor(rate)).numpy()
-
-
-def _from_double(model, rates: np.ndarray | None, measured: np.ndarray) -> str:
-    """Largest difference in rad/s of rates from the model in float64."""
-    return "–" if rates is None or not model.rates_only else f"{np.abs(model(measured.astype(float)) - rates).max():.1e}"
+        return "–"
+    return f"{np.abs(_single(model)(torch.tensor(rate)).numpy() - chosen.run(Inputs.of(rate))).max():.7f}"
 
 
 def _single(model):

@@ -1,6 +1,6 @@
 """The paper's tables, from our own runs: Markdown.
 
-Table 1 and ``explain`` on EuRoC need ../shared/euroc; Table 3 uses ../shared/closure where it is there.
+Table 1 and ``explain`` on EuRoC need ../shared/euroc.
 """
 
 from __future__ import annotations

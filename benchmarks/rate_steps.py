@@ -15,6 +15,7 @@ from collections import Counter
 from pathlib import Path
 
 import numpy as np
+from common import markdown
 
 from session.base.texts import measured
 from tinygc.features.tables.rates.choice import LINE, Choice, chance, choose
@@ -229,15 +230,15 @@ def coverage(tables: int) -> None:
 
 
 def real() -> None:
-    """Rows: sensor, residual of a line and of the chosen law; of each curve predicted from the others."""
+    """Rows: sensor, residual of a line and of the chosen law, and whether its repeats accept the law."""
     if not SHARED.exists():
         print(f"{SHARED}: not there")
         return
+    rows = []
     for points in read_points(SHARED)[0]:
         choice = choose(points)
-        print(f"\n{points.sensor}: {choice.fit.hypothesis.name}: {1e3 * choice.fit.rms:.2f} mV, a line {1e3 * choice.line.rms:.0f} mV")
-        for one in choice.held_out:
-            print(f"| {one.hypothesis} | {one.curve[-10:]} | {1e3 * one.within_rms:.2f} | {1e3 * one.rms:.2f} | {one.beyond} beyond |")
+        rows.append([points.sensor, f"{1e3 * choice.line.rms:.0f}", choice.fit.hypothesis.name, f"{1e3 * choice.fit.rms:.2f}"])
+    print(markdown(["sensor", "a straight line, mV", "chosen law", "residual, mV"], rows))
 
 
 def main() -> None:

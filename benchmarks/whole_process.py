@@ -54,12 +54,12 @@ OTHERS = {
     "AllanTools, `oadev` of its six channels as well": "import allantools, pandas; [allantools.oadev(x, rate=208.0, data_type='freq', "
     "taus='octave') for x in pandas.read_csv('rest.csv').to_numpy().T[1:]]",
 }
-#: what grows: options of ``simulate``, none for readings at rest; commands, sizes
-OF_TURNS = "check {}/0", "fit {}/0 --methods least_squares", "explain {}/0"
+#: what grows: options of ``simulate``, none for readings at rest; commands; the head of the table with the sizes
+OF_TURNS = "check turns/0", "fit turns/0 --methods least_squares", "explain turns/0"
 GROWTH = {
-    "turns": ("--segments {} --closure 0", OF_TURNS, (40, 160, 640)),
-    "rows": ("", ("noise rest.csv", "import rest.csv --out new"), (10**5, 10**6, 10**7)),
-    "sensors": (SENSOR, ("fleet {} --jobs 1 --out new", "fleet --out new --lot"), (50, 200, 800)),
+    "turns": ("--segments {} --closure 0", OF_TURNS, ("turns", "40", "160", "640", "exponents")),
+    "rows": ("", ("noise rest.csv", "import rest.csv --out new"), ("rows", "100000", "1000000", "10000000", "exponents")),
+    "sensors": (SENSOR, ("fleet sensors --jobs 1 --out new", "fleet --out new --lot"), ("sensors", "50", "200", "800", "exponents")),
 }
 #: a process of its own, small, so that the peak that the system tells is that of the command
 PROBE = """
@@ -79,7 +79,6 @@ def main() -> None:
         "--beside", action="append", default=[], metavar="COMMAND", help="another program, with its arguments and full paths"
     )
     parser.add_argument("--growth", choices=GROWTH, help="instead, each run once")
-    parser.add_argument("--sizes", type=int, nargs="*", help="of growth")
     args = parser.parse_args()
     roots = [ROOT, *([args.against.resolve()] if args.against else [])]
     for root in roots:
@@ -108,15 +107,15 @@ def usual(args: argparse.Namespace, roots: list[Path], parent: Path) -> str:
     for words, *turns in zip(jobs, *runs, strict=True):
         least = [[min(figures) for figures in zip(*version, strict=True)] for version in zip(*turns, strict=True)]
         ratios = [f"{a / b:.2f}" for a, b in zip(*least, strict=True)] if len(least) > 1 else []
-        rows.append([words, *(cell for cpu_s, mb in least for cell in (f"{cpu_s:.2f}", f"{mb:.0f}")), *ratios])
-    versions = [cell for root in roots for cell in (f"{root.name}: CPU s", "MB")]
-    return markdown(["whole process", *versions, *(["CPU, ratio", "MB, ratio"] if len(roots) > 1 else [])], rows)
+        rows.append([words, *(cell for cpu_s, mb in least for cell in (_seconds(cpu_s), f"{mb:.0f}")), *ratios])
+    head = ["whole process", "CPU s", "MB"]
+    return markdown([*head, f"{roots[1].name}: CPU s", "MB", "CPU, ratio", "MB, ratio"] if len(roots) > 1 else head, rows)
 
 
 def growth(args: argparse.Namespace, roots: list[Path], parent: Path) -> str:
     """The table of commands by size, with the exponents of CPU and MB from the last size but one to the last."""
-    options, commands, sizes = GROWTH[args.growth]
-    sizes = args.sizes or sizes
+    options, commands, head = GROWTH[args.growth]
+    sizes = [int(size) for size in head[1:-1]]
     found: dict[str, list[tuple[float, float]]] = {}
     for size in sizes:
         folder = parent / str(size)
@@ -126,14 +125,18 @@ def growth(args: argparse.Namespace, roots: list[Path], parent: Path) -> str:
             folder.mkdir()
             write_rest(folder / "rest.csv", size)
         for root in roots:
-            for words in (command.format(args.growth) for command in commands):
-                found.setdefault(f"`{words}`, {root.name}", []).append(used(ours(words, root), folder))
+            for words in commands:
+                found.setdefault(f"`{words}`" + (f", {root.name}" if len(roots) > 1 else ""), []).append(used(ours(words, root), folder))
         shutil.rmtree(folder)
     rows = []
     for words, figures in found.items():
         exponents = [math.log(b / a) / math.log(sizes[-1] / sizes[-2]) for a, b in zip(*figures[-2:], strict=True)]
-        rows.append([words, *(f"{cpu_s:.2f} s, {mb:.0f} MB" for cpu_s, mb in figures), "{:.2f}, {:.2f}".format(*exponents)])
-    return markdown([args.growth, *map(str, sizes), "exponents"], rows)
+        rows.append([words, *(f"{_seconds(cpu_s)} s, {mb:.0f} MB" for cpu_s, mb in figures), "{:.2f}, {:.2f}".format(*exponents)])
+    return markdown(head, rows)
+
+
+def _seconds(value: float) -> str:
+    return f"{value:.1f}" if value < 10 else f"{value:.0f}"
 
 
 def write_rest(path: Path, rows: int = 10**6) -> None:

@@ -1,5 +1,8 @@
 """Run the commands that the pages show, and write what they print into the pages: ``python docs/make_outputs.py [PAGE …]``.
 
+``python docs/make_outputs.py --measured PAGE [TEXT]`` runs the page's benchmarks whose command has this text: a paragraph that begins with
+```python benchmarks/NAME.py …` (DATE)`` stands above tables of what this command prints, and gets the date of the run.
+
 A block whose first line begins with ``$`` is run, line by line, in a scratch folder of its page, which holds a copy of ``data``; the output
 replaces what stands below each line.  Comments above the block change that:
 
@@ -19,12 +22,16 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from datetime import UTC, datetime
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 #: a comment, or a block with its language
 PART = re.compile(r"^<!-- (.*?) -->$|^( *)```(\w*)\n(.*?)^ *```$", re.S | re.M)
 SLOW = "<!-- slow examples -->"
+#: a benchmark's command, its date, the rest of the paragraph, and the tables below it
+MEASURED = re.compile(r"^`python (benchmarks/[^`]*)` \((\d+ \w+ \d{4})\)(.*\n\n)((?:\|.*\n)+(?:\n(?:\|.*\n)+)*)", re.M)
+TABLE = re.compile(r"^(\|.*\n)(?:\|.*\n)+", re.M)
 #: runs the checkout's command line under the name that a reader types
 SCRIPT = """import sys
 sys.path.insert(0, {root!r})
@@ -76,7 +83,24 @@ def made(text: str) -> str:
         return PART.sub(part, text)
 
 
-def _output(command: str, folder: Path) -> list[str]:
+def measured(text: str, part: str = "") -> str:
+    """The text of a page, its benchmarks with this text in their command run: their tables by their heads, and today's date."""
+
+    def block(found: re.Match[str]) -> str:
+        command, _, rest, tables = found.groups()
+        if part not in command:
+            return found[0]
+        printed = "\n".join([*_output(f"{sys.executable} {command}", ROOT, None), ""])
+        if missing := [table[1] for table in TABLE.finditer(tables) if table[1] not in printed]:
+            raise RuntimeError(f"{command} prints no table with the head {missing[0]}{printed}")
+        by_head = {table[1]: table[0] for table in TABLE.finditer(printed)}
+        today = datetime.now(tz=UTC).strftime("%d %B %Y").lstrip("0")
+        return f"`python {command}` ({today}){rest}" + TABLE.sub(lambda table: by_head[table[1]], tables)
+
+    return MEASURED.sub(block, text)
+
+
+def _output(command: str, folder: Path, timeout_s: float | None = 600) -> list[str]:
     """What a command prints; of one that refuses, the line that it refuses with."""
     environment = {
         **os.environ,
@@ -96,7 +120,7 @@ def _output(command: str, folder: Path) -> list[str]:
         capture_output=True,
         text=True,
         encoding="utf-8",
-        timeout=600,
+        timeout=timeout_s,
         check=False,
     )
     printed = done.stdout.replace(f"{folder}{os.sep}", "")
@@ -122,6 +146,10 @@ def _chosen(lines: list[str], ranges: str) -> list[str]:
 
 def main() -> None:
     """Bring the named pages, or all, up to date."""
+    if sys.argv[1:2] == ["--measured"]:
+        path, part = Path(sys.argv[2]), " ".join(sys.argv[3:])
+        path.write_text(measured(path.read_text(encoding="utf-8"), part), encoding="utf-8")
+        return
     for path in [Path(name).resolve() for name in sys.argv[1:]] or pages():
         old = path.read_text(encoding="utf-8")
         new = made(old)

@@ -1,6 +1,10 @@
-"""What a page shows of a command is what the command prints: docs/make_outputs.py runs them all."""
+"""What a page shows of a command is what the command prints: docs/make_outputs.py runs them all, and the benchmarks of measured tables."""
 
+import ast
 import importlib.util
+import re
+import shlex
+import shutil
 
 import pytest
 from conftest import ROOT
@@ -21,6 +25,65 @@ PAGES = [pytest.param(path, id=path.relative_to(ROOT).as_posix(), marks=_marks(p
 def test_the_page_shows_what_is_printed(page):
     text = page.read_text(encoding="utf-8")
     assert make_outputs.made(text).splitlines() == text.splitlines(), f"python docs/make_outputs.py {page.relative_to(ROOT)}"
+
+
+MEASURED = [
+    pytest.param(path, found, id=f"{path.stem}: {found[1]}")
+    for path in sorted([ROOT / "README.md", *(ROOT / "docs").rglob("*.md")])
+    for found in make_outputs.MEASURED.finditer(path.read_text(encoding="utf-8"))
+]
+#: benchmarks of seconds
+QUICK = ("firmware.py", "imu_tk_method.py", "rate_steps.py real")
+
+
+def constants(path):
+    """Texts, and lists of texts, that a Python file holds; names of the module stand for their values."""
+    tree, known, texts, lists = ast.parse(path.read_text(encoding="utf-8")), {}, set(), set()
+
+    def value(node):
+        try:
+            return eval(compile(ast.Expression(node), path, "eval"), {"__builtins__": {}}, known)
+        except (NameError, TypeError, AttributeError, KeyError):
+            return None
+
+    for statement in tree.body:
+        if isinstance(statement, ast.Assign) and isinstance(statement.targets[0], ast.Name):
+            known[statement.targets[0].id] = value(statement.value)
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Constant):
+            texts.add(node.value)
+        elif isinstance(node, ast.List | ast.Tuple) and isinstance(node.ctx, ast.Load):
+            lists.add(tuple(found) if (found := value(node)) and all(isinstance(each, str) for each in found) else ())
+    return texts, lists
+
+
+def test_the_tables_of_the_measured_page_all_stand_below_their_command():
+    text = make_outputs.MEASURED.sub("", (ROOT / "docs" / "measured.md").read_text(encoding="utf-8"))
+    assert re.findall(r"^\|.*", text, re.M) == []
+    assert len(MEASURED) > 10
+
+
+@pytest.mark.parametrize(("page", "found"), MEASURED)
+def test_a_measured_table_has_a_command_that_exists_and_prints_its_head(page, found):
+    command, _, _, tables = found.groups()
+    script, *words = shlex.split(command)
+    folder, paper = ROOT / script, sorted((ROOT / "benchmarks" / "paper").glob("*.py"))
+    texts, lists = map(set().union, *map(constants, [folder, *(paper if "paper" in script else [])]))
+    assert {word for word in words if word.startswith("--") or word.isalpha()} <= texts | {"table1", "table3"}
+    for table in make_outputs.TABLE.finditer(tables):
+        assert tuple(cell.strip() for cell in table[1].strip().strip("|").split("|")) in lists
+        assert {line.count("|") for line in table[0].splitlines()} == {table[1].count("|")}
+
+
+@pytest.mark.broad
+@pytest.mark.parametrize(("page", "found"), [each for each in MEASURED if any(part in each.values[1][1] for part in QUICK)])
+def test_a_quick_benchmark_prints_what_the_page_shows(page, found):
+    command = found[1]
+    if "firmware" in command and shutil.which("qemu-system-arm") is None:
+        pytest.skip("no QEMU")
+    if "firmware" not in command and not (ROOT.parent / "shared").exists():
+        pytest.skip("no ../shared")
+    assert make_outputs.MEASURED.search(make_outputs.measured(found[0]))[4] == found[4]
 
 
 def test_lines_are_run_chosen_and_refused():

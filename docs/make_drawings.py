@@ -141,7 +141,7 @@ def cube() -> None:
     d.box(-10, -20, -12, 140, 120, 12, WOOD)  # floor
     d.box(0, 20, 0, 70, 70, 70, METAL)
     d.board(20, 42, 70, 30)
-    d.measure(d.at(0, 12, 0), d.at(70, 12, 0), "60 to 100 mm", -36, 18)
+    d.measure(d.at(0, 12, 0), d.at(70, 12, 0), "60 to 100 mm", 50, 48)
     cable = [d.at(38, 66, 73), d.at(46, 92, 92), d.at(62, 104, 106), d.at(100, 114, 92)]
     d.line(cable, INK, 2.4)
     roll = d.circle((70, 55, 35), "y", 50, 80, 10)
@@ -192,7 +192,7 @@ def gimbal() -> None:
         d.line(d.circle((0, 0, 0), axis, radius), INK, width + 2)
         d.line(d.circle((0, 0, 0), axis, radius), colour, width)
     d.box(-32, -26, -4, 64, 52, 5, WOOD)
-    d.board(-14, -10, 1, 30)
+    d.board(-12, -9, 1, 22)
     d.box(92, -8, -86, 10, 16, 96, WOOD)
     for side in (-1, 1):
         d.line([d.at(side * 80, 0, 0), d.at(side * 95, 0, 0)], INK, 5)

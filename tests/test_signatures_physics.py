@@ -8,7 +8,7 @@ from conftest import DEG, Table, session_of
 from looks import G, with_sensor
 from scipy.signal import butter, lfilter
 
-from session.detect.rest_noise import RestSpectrum, Share, _coherent_share, density_slope, lines_of, rest_spectrum, spectra
+from session.detect.rest_noise import lines_of, rest_lines, spectra
 from session.detect.signatures import _NEW_ZERO, FILTER, TRACKED, check_signatures
 from session.detect.stills import find_stills
 from session.log.registers import accel_mps2_per_lsb, gyro_rps_per_lsb
@@ -171,7 +171,7 @@ def test_an_accelerometer_that_answers_two_values(sound):
     assert finding.description.startswith("the accelerometer reads 2 values only, 0, 1 g")
 
 
-# Noise at rest of one sensor: lines, slope, and what gyro and accelerometer share, each of a known size
+# Lines in the noise at rest of one sensor, each of a known size
 
 RATE_HZ, LENGTH = 50.0, 200
 HZ = np.fft.rfftfreq(LENGTH, 1 / RATE_HZ)
@@ -185,32 +185,13 @@ def flat(x):
     return np.mean(np.abs(x) ** 2, axis=0)
 
 
-def shared(x, y):
-    x, y = spectra(x), spectra(y)
-    return _coherent_share(x, y, flat(x))
-
-
-@pytest.mark.parametrize("own", [0.5, 3.0])
-def test_a_shared_part_is_found_at_its_share_of_the_power(own):
-    """Both feel one noise u: of x = u + own, u holds 1 / (1 + own^2); y has u alone."""
-    u = noise(5)
-    found = shared(u + own * noise(6), u)
-    assert found.value == pytest.approx(1 / (1 + own**2), abs=4 * found.sigma + 0.01)
-    assert found.p_value < 1e-6
-
-
 def test_an_axis_that_rests_at_one_reading_leaves_no_spectrum(sound):
     samples = sound.logs[0].samples
     stills, _ = find_stills(samples)
     accel = np.array(samples.accel)
     for still in stills:
         accel[still.start : still.stop, 1] = accel[still.start, 1]
-    assert [rest_spectrum(replace(samples, accel=each), stills, False) is None for each in (samples.accel, accel)] == [False, True]
-
-
-def test_a_share_has_a_one_sided_p_value_and_limit():
-    assert Share(0.02, 0.01).p_value == pytest.approx(0.02275, abs=1e-5)
-    assert [Share(value, 0.01).upper for value in (0.02, -0.02)] == pytest.approx([0.03645, 0.01645], abs=1e-5)
+    assert [rest_lines(replace(samples, accel=each), stills, True) is None for each in (samples.accel, accel)] == [False, True]
 
 
 def test_a_line_is_found_at_its_frequency_with_its_share():
@@ -221,14 +202,3 @@ def test_a_line_is_found_at_its_frequency_with_its_share():
     (none_hz, _), (line_hz, share), (_, third) = lines_of(spectrum, HZ, flat(spectrum))
     assert (line_hz, none_hz, third) == ((12.5,), (), 0.0)
     assert share == pytest.approx(0.5, abs=0.03)
-
-
-def test_the_slope_of_white_noise_is_zero_and_of_integrated_noise_minus_two():
-    slope, sigma = density_slope(spectra(noise(3)), HZ)
-    assert abs(slope) < 3 * sigma
-    walk, _ = density_slope(spectra(np.cumsum(noise(3), axis=1)), HZ)
-    assert walk == pytest.approx(-2, abs=0.2)
-    # It is said from one percent on, of both sides together: 2.576 sigmas.
-    none, slopes = ((((), 0.0),) * 3, Share(0.0, 0.01)), 0.3 * np.array([2.57, 2.58, -2.57, -2.58])
-    said = [RestSpectrum(none[0], at, 0.3, none[1], none[1]).words("accelerometer", 0) for at in slopes]
-    assert ["its density goes as" in each for each in said] == [False, True, False, True]

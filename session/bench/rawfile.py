@@ -71,9 +71,6 @@ def is_locked(path: Path) -> bool:
         os.close(file)
 
 
-# Rescue of open files without a name.  Removing, moving or replacing the folder of a running recording removes the names; the open files
-# still hold every byte.
-
 _RESCUED = "_rescued"
 BLOCK = 1 << 20
 APPENDED = os.O_RDWR | os.O_APPEND | os.O_CREAT
@@ -93,57 +90,6 @@ def is_gone(file: int, path: Path) -> bool:
         return False
     same = (there.st_dev, there.st_ino) == (mine.st_dev, mine.st_ino)
     return not same and (mine.st_nlink == 0 or there.st_size != mine.st_size)
-
-
-def new_folder(folder: Path) -> Iterator[Path]:
-    """Make folders for rescued files: next to the lost one, in the working directory, in the temporary folder, where possible."""
-    temporary = Path(tempfile.gettempdir())
-    try:
-        here = Path.cwd()
-    except OSError:  # it was removed, too
-        here = temporary
-    for parent in dict.fromkeys((Path(os.path.abspath(folder)).parent, here, temporary)):
-        for number in range(1, 1000):
-            place = parent / f"{folder.resolve().name}{_RESCUED}{'' if number == 1 else number}"
-            try:
-                place.mkdir(parents=True)
-            except FileExistsError:
-                continue
-            except OSError:
-                break
-            yield place
-            break
-
-
-def copied(files: Sequence[int], paths: Sequence[Path]) -> list[int]:
-    """Copy open files to new paths; returns the copies, open for appending.  Raises OSError, and then leaves what it has copied."""
-    made: list[int] = []
-    try:
-        for path in paths:
-            made.append(open_written(path, APPENDED | os.O_EXCL))
-        for source, target in zip(files, made, strict=True):
-            catch_up(source, target)
-    except OSError:
-        for file in made:
-            os.close(file)
-        raise
-    return made
-
-
-def discard(folder: Path, paths: Sequence[Path]) -> None:
-    """Remove an incomplete copy."""
-    with contextlib.suppress(OSError):
-        for path in paths:
-            path.unlink(missing_ok=True)
-        folder.rmdir()
-
-
-def catch_up(source: int, target: int) -> None:
-    """Append to a copy what its source holds beyond it.  Raises OSError."""
-    os.lseek(source, os.fstat(target).st_size, os.SEEK_SET)
-    while data := os.read(source, BLOCK):
-        while data:
-            data = data[os.write(target, data) :]
 
 
 RAW, TIMES = "raw.bin", "raw.times"
@@ -178,13 +124,14 @@ class Mark:
 class RawFile:
     """Appends bytes and marks.  When nothing more can be written, a StorageError states what is safe; later calls raise it again.
 
-    Files that were removed go on in another folder (``saved``), so that nothing that arrives meanwhile is lost.
+    Files that were removed are saved in another folder when they are closed: the open ones still hold every byte.
     """
 
     def __init__(self, folder: Path):
         self.path = folder / RAW  #: of the bytes
         self.trouble: StorageError | None = None  #: once received bytes are not, or not only, where they should be
         self.saved: Path | None = None  #: the folder where they are instead
+        self._gone: Path | None = None  # the first of the files whose name is gone
         self.cut = ""  #: what is missing from the end of the file that was there
         self._failed: StorageError | None = None
         self._discarded = False
@@ -253,6 +200,8 @@ class RawFile:
             return
         self._done.set()
         self._syncing.join()
+        if self._gone is not None:
+            self._save(self._gone)
         for file in (self._raw, self._times):
             os.close(file)
 
@@ -306,39 +255,34 @@ class RawFile:
                 return
 
     def _check(self, last: bool) -> None:
-        """Check that the files exist; if they are missing twice in a row, save them."""
-        if self._discarded or self.saved is not None:
+        """Check that the files exist; if they are missing twice in a row, the recording ends, and ``close`` saves them."""
+        if self._discarded or self._gone is not None:
             return
-        with self._lock:
-            files = ((self._raw, self.path), (self._times, self.path.with_name(TIMES)))
-            gone = [path for file, path in files if is_gone(file, path)]
+        files = ((self._raw, self.path), (self._times, self.path.with_name(TIMES)))
+        gone = [path for file, path in files if is_gone(file, path)]
         self._missed = self._missed + 1 if gone else 0
         if gone and (self._missed > 1 or last):
-            self._save(gone[0])
+            self._gone = gone[0]
+            self.trouble = StorageError(f"{gone[0]}: was removed, moved or replaced while it was being recorded")
 
     def _save(self, gone: Path) -> None:
-        """Continue in copies under another name."""
-        what = f"{gone}: was removed, moved or replaced while it was being recorded"
-        why = "no place was found for what was received"
-        for folder in new_folder(self.path.parent):
-            old, paths = [self._raw, self._times], [folder / RAW, folder / TIMES]
+        """Copy what the open files of a recording whose names are gone still hold into another folder."""
+        what, why = f"{gone}: was removed, moved or replaced while it was being recorded", ""
+        for place in (Path(os.path.abspath(self.path.parent)).parent, Path(tempfile.gettempdir())):
             try:
-                new = copied(old, paths)
-                with self._lock:  # the reader waits only for what has come meanwhile
-                    for source, target in zip(old, new, strict=True):
-                        catch_up(source, target)
-                    self._raw, self._times = new
-                    self.path, self.saved = folder / RAW, folder
+                folder = Path(tempfile.mkdtemp(prefix=f"{self.path.parent.name}{_RESCUED}_", dir=place))
+                for file, name in ((self._raw, RAW), (self._times, TIMES)):
+                    os.lseek(file, 0, os.SEEK_SET)
+                    with created(folder / name) as copy:
+                        while data := os.read(file, BLOCK):
+                            copy.write(data)
             except OSError as error:
-                why = f"what was received could not be saved in {folder}: {error.strerror or error}"
-                discard(folder, paths)  # to be tried again
+                why = f": {error.strerror or error}"
                 continue
-            lock(self._raw)
-            for file in old:
-                os.close(file)
+            self.saved = folder
             self.trouble = StorageError(f"{what}; what was received is saved in {folder}; go on with record --resume --out {folder}")
             return
-        self.trouble = StorageError(f"{what}, and {why}")
+        self.trouble = StorageError(f"{what}, and what was received could not be saved{why}")
 
 
 def read_marks(raw_path: Path, last: int | None = None) -> Iterator[Mark]:

@@ -10,11 +10,12 @@ import numpy as np
 
 from session.base.errors import CalibrationError
 from session.base.numeric import median_length
+from session.base.texts import listed
 from session.base.units import DEG, MDPS, MG, STANDARD_GRAVITY_MPS2, G
 from session.detect.accelerometer import APART_RAD, attitudes_of, force_of
 from session.detect.events import knocked
 from session.detect.findings import Correction, Finding, unreadable, xyz_text
-from session.detect.rest_noise import RestSpectrum, rest_spectrum
+from session.detect.rest_noise import Lines, rest_lines
 from session.detect.segments import LEAPS, FoundTurn, LogSegments, why_too_few
 from session.detect.stills import BY_HAND, Noise, Still, UnusedRest, noise_floor, references
 from session.log.config import Config, Sensor
@@ -29,7 +30,7 @@ from session.log.sensors import Profile
 #: filter changes on the way
 UNSEEN_SHARE = 1 / 3
 NOISE_RATIO = 3.0  #: units differ by 1.4 at most
-#: share of the noise's power that lines must hold, or the other sensor follow, before they are a reason: 5 % of its size
+#: share of the noise's power that lines must hold before they are a reason: 5 % of its size
 VIBRATION = 0.1
 #: mdps/√Hz of nearly all MEMS gyroscopes: so narrow that dps and rad/s, by a factor of 57, cannot both lie in it
 MEMS_MDPS_RTHZ = (1.0, 50.0)
@@ -133,8 +134,8 @@ def check_unseen(parts: Sequence[LogSegments]) -> list[Finding]:
 def check_noise(where: str, noise: Noise | None, sensor: Sensor, samples: Samples, stills: Sequence[Still]) -> list[Finding]:
     """White noise in the stills against the sensor's own, by session.toml or else by its model; without either the noise is only reported.
 
-    Taken from neighbouring means of 0.1 s, so the sensor's filter does not lower it.  Where it is too large, its spectrum in the stills
-    shows its kind.  Vibration is suggested only where lines show it, or where gyro and accelerometer move together.
+    Taken from neighbouring means of 0.1 s, so the sensor's filter does not lower it.  Where it is too large, lines in its spectrum show
+    vibration or interference.
     """
     if noise is None:
         return []
@@ -142,10 +143,10 @@ def check_noise(where: str, noise: Noise | None, sensor: Sensor, samples: Sample
     gyro = _of_model(sensor, "gyro_noise_mdps_rthz") if stated is None else ("session.toml has", stated)
     accel = _of_model(sensor, "accel_noise_ug_rthz")
     mdps, ug = noise.gyro / MDPS, noise.accel / MG * 1e3
-    spectrum = partial(rest_spectrum, samples, stills)
+    lines = partial(rest_lines, samples, stills)
     return [
-        _noise_finding(where, GYRO_NOISE, xyz_text(mdps, 1) + " mdps/√Hz", mdps, gyro, _unit_at_rest(mdps), spectrum),
-        _noise_finding(where, ACCEL_NOISE, xyz_text(ug, 0) + " µg/√Hz", ug, accel, "", spectrum),
+        _noise_finding(where, GYRO_NOISE, xyz_text(mdps, 1) + " mdps/√Hz", mdps, gyro, _unit_at_rest(mdps), lines),
+        _noise_finding(where, ACCEL_NOISE, xyz_text(ug, 0) + " µg/√Hz", ug, accel, "", lines),
     ]
 
 
@@ -171,7 +172,7 @@ def _noise_finding(
     found: np.ndarray,
     yardstick: tuple[str, float] | None,
     do_unknown: str,
-    spectrum: Callable[[bool], RestSpectrum | None],
+    lines: Callable[[bool], tuple[Lines, ...] | None],
 ) -> Finding:
     if yardstick is None:
         return Finding("note", where, what, f"{text}; what this sensor should have is not known", do_unknown)
@@ -179,17 +180,16 @@ def _noise_finding(
     ratio, text = found.max() / expected, f"{text}, {who} {expected:g}"
     if ratio > NOISE_RATIO:
         text = f"{text}: {ratio:.1f} times as much (bar {NOISE_RATIO:g})"
-        like = spectrum(what == ACCEL_NOISE)
-        if like is None:
+        found_lines = lines(what == ACCEL_NOISE)
+        if found_lines is None:
             return Finding("warning", where, what, text, "the stills are too short to separate vibration from the sensor's own noise")
-        other, axis = ("gyro" if what == ACCEL_NOISE else "accelerometer"), int(found.argmax())
-        text += f"; {like.words(other, axis)}"
-        if like.follows > VIBRATION:
-            do = "gyro and accelerometer move together: does the table, the floor or a fan vibrate?"
-        elif like.lines[axis][1] > VIBRATION:
-            do = f"lines that the {other} does not follow: interference in the sensor, or a vibration that the {other} does not feel"
-        else:
-            do = "no vibration shows: this unit's noise, its filter, or wrong units"
+        axis = int(found.argmax())
+        hz, share = found_lines[axis]
+        do = "no line shows: this unit's noise or filter, wrong units, or a table that trembles"
+        if hz:
+            text += f"; lines at {listed([f'{x:.3g}' for x in hz], 3)} Hz hold {100 * share:.0f} % of {'xyz'[axis]}"
+        if share > VIBRATION:
+            do = "does the table, the floor or a fan vibrate? else it is interference in the sensor"
         return Finding("warning", where, what, text, do)
     if found.min() < expected / NOISE_RATIO:
         return Finding("note", where, what, f"{text}: less than it can be; averaged before logging, or wrong units?", "")
@@ -318,8 +318,6 @@ WARM_C = 55.0
 SCATTER_C, LEAST_READINGS = 2.0, 100
 #: of a register's step in another unit
 STEP_WITHIN = 0.02
-#: LSB, rms of the changes: a register of FINE_LSB_PER_C scatters by more, a converted number moves in single steps
-SINGLE_STEPS, FINE_LSB_PER_C = 2.0, 100.0
 #: unit -> degC of a value of it
 OTHERS = {
     "degC": lambda value: value,
@@ -329,8 +327,6 @@ OTHERS = {
     "hundredths of a degree": lambda value: value / 100,
     "thousandths of a degree": lambda value: value / 1000,
 }
-#: those in which a logger writes whole numbers that a register may have as well, and its scatter separates
-WRITTEN = ("degC", "tenths of a degree", "Fahrenheit", "kelvin")
 
 
 def check_temperature(log: Log, stills: list[Still], sensor: Sensor) -> list[Finding]:
@@ -345,8 +341,6 @@ def check_temperature(log: Log, stills: list[Still], sensor: Sensor) -> list[Fin
     if (other := _scatters(temp_c, sensor.profile) or other_unit(low, high, sensor.profile, _step(temp_c))) is not None:
         level, text, do = other
         return [Finding(level, where, WHAT, text, do)]
-    if log.raw and (converted := _converted(temp_c, sensor)) is not None:
-        return [Finding("note", where, WHAT, *converted)]
     if np.ptp(temp_c) == 0:
         return [Finding("note", where, WHAT, f"stands at {temp_c[0]:.2f} degC: is the register read?")]
     means = np.array([still.temp_c for still in stills]) if len(stills) > 1 else np.array([low, high])
@@ -390,34 +384,6 @@ def _scatters(temp_c: np.ndarray, profile: Profile | None) -> tuple[str, str, st
     low, high = map(float, np.percentile(temp_c, [1, 99]))
     text = f"scatters by {rms:.3g} degC rms from sample to sample (bar {SCATTER_C:g}), {low:.0f} to {high:.0f}: no thermometer does"
     return "warning", text, f"is it the raw register? then the column is called temp{units_of_people(low, high, profile)}"
-
-
-def _converted(temp_c: np.ndarray, sensor: Sensor) -> tuple[str, str] | None:
-    """Words and advice where what is read as a fine register moves in single steps, and is a temperature as it stands: degC, read as
-    LSB, hide 255 of 256 parts of every change.  None where it scatters as a register does, or the register is coarse itself."""
-    register = sensor.register_units.thermometer
-    if register is None or abs(register.lsb_per_c) < FINE_LSB_PER_C or len(temp_c) < LEAST_READINGS:
-        return None
-
-    def values() -> np.ndarray:
-        found = temp_c - register.at_zero_c
-        found *= register.lsb_per_c
-        return found
-
-    changes = np.diff(values())
-    changes = changes[(changes > 0.5) | (changes < -0.5)]  # of a day, no third column
-    if not len(changes) or np.sqrt(np.mean(np.square(changes, out=changes))) > SINGLE_STEPS:
-        return None
-    low, high = map(float, np.percentile(values(), [1, 99], overwrite_input=True))
-    read = [f"as {unit} {_words(unit, low, high)}" for unit in WRITTEN if _handled(unit, low, high)]
-    if not read:
-        return None
-    per_c, zero_c = register.lsb_per_c, register.at_zero_c
-    text = (
-        f"{temp_c.min():.2f} to {temp_c.max():.2f} degC in single steps of the register, {abs(per_c):.4g} per degC: no such thermometer "
-        f"is so quiet ({', '.join(read)})"
-    )
-    return text, f"does temp hold the register, by its name? T degC stand there as (T - {zero_c:g}) * {per_c:.6g}"
 
 
 def units_of_people(low: float, high: float, profile: Profile | None) -> str:

@@ -62,7 +62,7 @@ def files_line(result: FitResult, folder: Path, decision: Acceptance) -> Text:
     if result.file_to_use is None:
         return one_line(f"do not use the models in {folder}: {result.use.why}", "bold red")
     path = folder / result.file_to_use
-    if decision.answer in ("pass", "doubtful pass", "no limit") and not missing_of(result):
+    if decision.answer in ("pass", "doubtful pass", "down to noise") and not missing_of(result):
         return one_line(f"use {path}", "bold green")
     return one_line(f"best so far: {path}")
 
@@ -80,9 +80,6 @@ def next_line(result: FitResult, decision: Acceptance, effects: Sequence[Path] =
         return one_line(f"next: {command_line('explain', folder, *given_effects(effects))}")
     if decision.answer == "not decided":
         return one_line(f"next: record more turns; {command_line('check', folder, '--plan')} names them")
-    if not reported and decision.answer == "no limit" and result.session.config.sensor.profile is None:
-        report = one_line(f"next: {command_line('report', folder, *given_effects(effects))}")
-        return report.append("\n").append_text(one_line(f"  or, for PASS or FAIL: {command_line('fit', folder, '--limit', 'DEG')}"))
     if not reported:
         return one_line(f"next: {command_line('report', folder, *given_effects(effects))}")
     if not (folder / "fit" / "fit.json").is_file():

@@ -166,14 +166,14 @@ class Acceptance:
 
     @property
     def answer(self) -> str:
-        """One of pass, doubtful pass, no limit, not decided, fail.  A given limit decides; doubts are stated with the result."""
+        """One of pass, doubtful pass, down to noise, not decided, fail.  A given limit decides; doubts are stated with the result."""
         if not self.passed:
             return "fail"
         if self.undecided:
             return "not decided"
         if self.doubts:
             return "doubtful pass" if self.by_limit else "not decided"
-        return "pass" if self.by_limit or self.limit_deg is not None or self.conformities else "no limit"
+        return "pass" if self.by_limit or self.limit_deg is not None or self.conformities else "down to noise"
 
     @property
     def word(self) -> str:
@@ -295,7 +295,7 @@ def decide(
     if not segments and limit is not None and tilt / DEG > limit:
         more = f"; {promise.noisier}" if promise is not None and promise.noisier else ""
         undecided.append(f"{held_out}, limit {significant(limit, 2)}°{more}")
-    closure = f"{held_out}; noise alone leaves {degrees(tilt / times)}" if limit is None else f"{held_out} (limit {significant(limit, 2)}°)"
+    closure = f"{held_out} (noise {degrees(tilt / times)})" if limit is None else f"{held_out} (limit {significant(limit, 2)}°)"
     if len(files):
         closure += f", closure run{'s' * (len(files) > 1)} to {degrees(max(map(rms_of, candidate.run_errors)))}"
     found = [*_doubts(candidate, times, accelerometer), *doubts]
@@ -304,6 +304,8 @@ def decide(
     undecided += [f"{each.measured.name}: {each.value_words}, {_undecided(each)}" for each in decided if each.answer == "not decided"]
     undecided += [text for met, text in by_chance if met is None]
     passed = all(met is not False for met, _ in reasons)
+    if passed and limit is None and not (decided or undecided or found):
+        rule += " PASS needs a limit: --sensor NAME or --limit DEG."
     return Acceptance(passed, rule, reasons, found, bool(segments), closure, decided, undecided, unsound, limit, source, tuple(tests))
 
 

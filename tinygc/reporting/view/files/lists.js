@@ -64,10 +64,11 @@ function listUnused() {
     const what = { rest: "○ rest not used", gap: "◆ gap", clipped: "▲ clipped" }[mark.what];
     rows.push(line(`${what} at ${mark.from_s.toFixed(2)} s: ${mark.why}`, mark));
   }
-  for (const each of content.segments) if (each.note) rows.push(line(`segment ${each.number}: ${each.note}`, each, "segment"));
-  for (const warning of content.warnings) rows.push(made("li", {}, made("span", { textContent: warning })));
-  const place = document.getElementById("unused");
-  place.replaceChildren(made("h2", { textContent: `clipped, bridged, not used: ${rows.length || "nothing"}` }), ...(rows.length ? [made("ul", {}, ...rows)] : []));
+  const remarks = content.segments.filter(each => each.note).map(each => line(`segment ${each.number}: ${each.note}`, each, "segment"));
+  for (const warning of content.warnings) remarks.push(made("li", {}, made("span", { textContent: warning })));
+  const titled = (title, lines) => [made("h2", { textContent: title }), ...(lines.length ? [made("ul", {}, ...lines)] : [])];
+  const unused = titled(`clipped, bridged, not used: ${rows.length || "nothing"}`, rows);
+  document.getElementById("unused").replaceChildren(...unused, ...(remarks.length ? titled("remarks", remarks) : []));
 }
 
 function listTurns() {

@@ -49,7 +49,8 @@ def test_its_figures_are_those_of_its_json_and_its_code_calibrates_as_the_model_
     """Those of the JSON are those of the fit (tests/test_library.py)."""
     page, report = made
     for entry in (entry for entry in report["parameters"] if entry["value"] is not None):
-        assert typeset(measured(entry["value"], entry["expanded_uncertainty"]), True) in page
+        sigma = np.sqrt((entry["expanded_uncertainty"] / entry["coverage_factor"]) ** 2 - ((entry["by_one_effect"] or 0) / 2) ** 2)
+        assert typeset(measured(entry["value"], float(sigma)), True) in page
     for digest in report["inputs"].values():
         assert digest in page
     program = next(unescape(found) for found in re.findall(r"<code>(.*?)</code>", page, re.S) if found.startswith("import numpy"))

@@ -31,7 +31,7 @@ def words_of(html):
     return re.sub(r"\s+", " ", re.sub("<[^>]*>", " ", html))
 
 
-def test_the_section_has_the_nine_numbers_with_their_expanded_uncertainties(evidence):
+def test_the_section_has_the_nine_numbers_each_with_its_sigma(evidence):
     found, sources = evidence.fit.accelerometer, evidence.fit.joint_sources
     text = words_of(accelerometer.section(evidence).html)
     assert "own stills and turns" in text

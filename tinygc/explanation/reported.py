@@ -225,6 +225,12 @@ class ReportData:
         return self.fit.problem
 
     @property
+    def ranges_known(self) -> bool:
+        """Whether the full scales are the sensor's, by its data sheet or since the logs are registers; else they may be assumed."""
+        session = self.fit.session
+        return session.config.sensor.profile is not None or all(log.raw for log in session.logs)
+
+    @property
     def verdict(self) -> str | None:
         """Verdict of ``explain``; None if it was not run."""
         return None if self.explanation is None else self.explanation.verdict

@@ -213,7 +213,7 @@ def explanation_facts(e: Explanation, panels: Sequence[Part] = ()) -> list[Part]
     parts: list[Part] = [*_answer(e), *([] if e.decision is None else [one_line(f"fit: {e.decision.headline}", "dim")]), ""]
     # Warnings of the first look come before findings without a name: they are the likelier cause.
     for warning in e.warnings:
-        parts += [Text(f"First look: {warning.line}", "yellow"), ""]
+        parts += [Text(f"First look: {warning.line}", "yellow" if warning.level == "warning" else ""), ""]
     among = " among the catalogue's effects" if e.verdict in LEFT else ""
     for claim, style in (*((claim, "bold cyan") for claim in e.claimed), *((claim, "bold magenta") for claim in e.findings)):
         named = style == "bold cyan"

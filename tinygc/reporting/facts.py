@@ -85,27 +85,35 @@ class Table:
         return markup.table([typeset(cell) for cell in self.header], rows, typeset(remarks), self.kind, marked, self.minor)
 
 
-def errors_table(title: str, facts: Sequence[Fact], notes: Sequence[str] = (), meanings: Mapping[str, str] | None = None) -> Table:
-    """Errors of a sensor by axis: value ± one sigma; meanings of the terms: for a page, which states the expanded uncertainty, in brackets
-    what one missing effect has in it, and k."""
+def errors_table(
+    title: str, facts: Sequence[Fact], notes: Sequence[str] = (), meanings: Mapping[str, str] | None = None, expanded: bool = False
+) -> Table:
+    """Errors of a sensor by axis: value ± one sigma, and what one missing effect may add; meanings of the terms: for a page; expanded: with
+    the expanded uncertainty, in brackets what a missing effect has in it, and k."""
     rows: dict[str, tuple[list[str], set[str]]] = {}
     first: dict[str, str] = {}  # row of a word
+    most: dict[str, float] = {}  # by unit
     for q in facts:
         axis, of = (q.component[-1], f" of {q.component[0]}") if " " in q.component else (q.component, "")  # x to y: of x, in column y
         meaning = "" if not meanings or q.word not in meanings else f"\n{'; '.join(filter(None, (meanings[q.word], q.note)))}"
         label = f"{q.word}{of}, {q.unit}"
         cells, factors = rows.setdefault(label + meaning * (first.setdefault(q.word, label) == label), ([], set()))
         cells += [""] * ("xyz".find(axis) - len(cells))
-        text = measured(q.value, q.sigma) if meanings is None and q.observed else q.stated
-        if meanings is not None and q.observed and isfinite(q.moved):
-            text += f" ({significant(2 * q.moved, 2)})"
+        text = q.stated if expanded or not q.observed else measured(q.value, q.sigma)
+        if q.observed and isfinite(q.moved):
+            text += f" ({significant(2 * q.moved, 2)})" * expanded
+            most[q.unit] = max(q.moved, most.get(q.unit, 0.0))
         if q.observed and isfinite(q.expanded):
             factors.add(f"{q.factor:.2f}")
         cells.append(text if len(axis) == 1 else f"{axis} {text}")
-    if meanings is None:
-        return Table(title, ("", "x", "y", "z"), [[label, *cells, "", ""][:4] for label, (cells, _) in rows.items()], " ".join(notes))
-    found = [[*[label, *cells, "", ""][:4], "–".join(sorted({min(k), max(k)})) if k else ""] for label, (cells, k) in rows.items()]
-    return Table(title, ("", "x", "y", "z", "k"), found, " ".join(notes), kind="parameters")
+    found = [[label, *cells, "", ""][:4] for label, (cells, _) in rows.items()]
+    kind = "" if meanings is None else "parameters"
+    if expanded:
+        found = [[*row, "–".join(sorted({min(k), max(k)})) if k else ""] for row, (_, k) in zip(found, rows.values(), strict=True)]
+        return Table(title, ("", "x", "y", "z", "k"), found, " ".join(notes), kind=kind)
+    sizes = ", ".join(f"{significant(size, 2)} {unit}" for unit, size in most.items())
+    added = [f"A missing effect may add up to {' and '.join(sizes.rsplit(', ', 1))}."] * bool(sizes)
+    return Table(title, ("", "x", "y", "z"), found, " ".join([*added, *notes]), kind=kind)
 
 
 class Drawn(Protocol):

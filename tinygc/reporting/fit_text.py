@@ -32,6 +32,8 @@ if TYPE_CHECKING:
     from tinygc.explanation.reported import Adopted
 
 TITLES = {name: method.title for name, method in METHODS.items()}
+#: the errors that make up E and B
+TERMS = ("scale factor error", "misalignment", "bias")
 MOST_RESTS = 8  #: number of stills listed that are not references
 SAME_FLOOR = 0.01  #: relative difference below which two floors are equal
 #: methods that the first screen leaves out: the weaker one of the raw rates, and one whose purpose is another than closure
@@ -141,16 +143,12 @@ def sensor_errors(result: FitResult) -> list[Fact]:
 
 def parameters_table(result: FitResult, brief: bool = False) -> Table:
     """Table of the sensor errors by least squares; brief: for the first screen."""
-    quantities, notes = sensor_errors(result), []
-    if result.allowed is not None:
-        most = [max(q.moved for q in quantities if q.word == word) for word in ("scale factor error", "misalignment", "bias")]
-        sizes = f"{most[0]:.0f} ppm, {most[1]:.3f} mrad and {most[2]:.4f} dps"
-        notes.append(f"A missing effect may add up to {sizes}.")
+    notes = []
     if not brief:
         spread = result.spread.at(ZERO)
         any_session = spread.any_session(np.diag(result.covariance)[BIAS]).max() / DEG
         notes.append(f"In another session the bias differs by ± {any_session:.3f} dps ({spread.source}).")
-    shown = [q for q in quantities if q.word in ("scale factor error", "misalignment", "bias")]
+    shown = [q for q in sensor_errors(result) if q.word in TERMS]
     return errors_table("Sensor errors (least squares): value ± one sigma", shown, notes)
 
 

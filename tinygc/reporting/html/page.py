@@ -74,10 +74,12 @@ def page(evidence: ReportData) -> str:
     """The report as one HTML document."""
     sections = [made for part in modules() if (made := part.section(evidence)) is not None]
     title, sensor = f"Calibration report: {evidence.fit.session.name}", evidence.fit.session.config.sensor
-    date, _ = recorded(evidence)
+    date = recorded(evidence)
     serial = "" if sensor.serial in NO_SERIAL else sensor.serial
-    running = (f"{sensor.model} · {serial or 'no serial number'}", f"recorded {date}" if date else f"made {evidence.made}")
-    return document(title, render("head.html", e=evidence, serial=serial), sections, render("foot.html", e=evidence), running)
+    named = "Sensor without a name" if sensor.model == "unknown" else sensor.model  # as an import calls it
+    running = (f"{named} · {serial or 'no serial number'}", f"recorded {date}" if date else f"made {evidence.made}")
+    head = render("head.html", e=evidence, named=named, serial=serial)
+    return document(title, head, sections, render("foot.html", e=evidence, serial=serial), running)
 
 
 def save(evidence: ReportData, path: Path) -> Path:

@@ -41,7 +41,7 @@ from tinygc.models.linear import BIAS, PARAMETERS, LinearModel, field_facts
 from tinygc.reporting.facts import Table, errors_table
 from tinygc.reporting.html.markup import render
 from tinygc.reporting.html.paper import print_pdf, require_browser
-from tinygc.reporting.html.sections.front import SOURCES, recorded
+from tinygc.reporting.html.sections.front import recorded
 from tinygc.verdict.requirements import closure_measured, rule_words, run_measured, sensor_measured
 
 NOT_STATED = "not stated"
@@ -188,14 +188,14 @@ class Certificate:
 
     @cached_property
     def _calibrated(self) -> tuple[str, date | None]:
-        """The day of the calibration, in words and as a date; no date where only the file's time is known."""
-        given, (when, source) = self.given.calibrated, recorded(self.data)
+        """The day of the calibration, in words and as a date."""
+        given, when = self.given.calibrated, recorded(self.data)
         day = None
         with contextlib.suppress(ValueError, TypeError):
-            day = None if source == "file" else date.fromisoformat((when or "")[:10])
+            day = date.fromisoformat((when or "")[:10])
         if given is not None:
             return (str(given) if day in (None, given) else f"{given} (recorded {when})"), given
-        return (NOT_STATED if when is None else f"{when}{SOURCES[source]}"), day
+        return when or NOT_STATED, day
 
     @property
     def calibrated(self) -> date | None:
@@ -470,8 +470,8 @@ def page(c: Certificate) -> str:
         c=c,
         title=title,
         running={"bottom-left": number},
-        results=errors_table("", c.results, meanings={}),
-        found=errors_table("", c.as_found, meanings={}),
+        results=errors_table("", c.results, expanded=True),
+        found=errors_table("", c.as_found, expanded=True),
         model=Table("", ("ω = E m + B", "E, of m x", "E, of m y", "E, of m z", "B, rad/s"), rows),
         closure=Table("", ("Closure with it, degrees", "Value ± U", "k", "Noise alone"), closure),
         statements=[(reference, rule, _conformities(each)) for reference, rule, each in c.statements],

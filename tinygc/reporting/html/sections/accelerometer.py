@@ -1,4 +1,4 @@
-"""The accelerometer behind the references: nine parameters with uncertainties, and gravity's length before and after."""
+"""The accelerometer behind the references: nine parameters, each ± one sigma, and gravity's length before and after."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The parameters in the field's terms, each with its expanded uncertainty (95 %), or marked as not observed."""
+"""The sensor's axes, and the parameters beside those of E and B in the field's terms, each ± one sigma, or marked as not observed."""
 
 from __future__ import annotations
 
@@ -9,12 +9,13 @@ from session.base.units import DEG_PER_HOUR
 from tinygc.explanation.reported import ReportData
 from tinygc.reporting.drawing import Panel
 from tinygc.reporting.facts import errors_table
+from tinygc.reporting.fit_text import TERMS
 from tinygc.reporting.html.markup import Section, render
 from tinygc.reporting.html.sections.recording import temperature_words
 
 #: term -> its meaning in one line
 MEANINGS = {
-    "scale factor error": "the axis reads so much too far, against the data sheet’s sensitivity",
+    "scale factor error": "the axis reads so much too far",
     "scale factor asymmetry": "scale factor for positive less that for negative rates, over their mean",
     "misalignment": "input axis leans towards a reference axis",
     "nonorthogonality": "90° less the angle between two input axes",
@@ -29,7 +30,7 @@ MEANINGS = {
 def section(evidence: ReportData) -> Section:
     """Section of picture and tables."""
     M = np.linalg.inv(evidence.adopted.linear.E)
-    ordered = sorted(evidence.quantities, key=lambda q: [*MEANINGS].index(q.word))
+    ordered = sorted((q for q in evidence.quantities if q.word not in TERMS), key=lambda q: [*MEANINGS].index(q.word))
     html = render(
         "parameters.html",
         e=evidence,

@@ -37,9 +37,7 @@ SENSORS = 40
 USUAL = (
     "check session1",
     "fit session1 --methods least_squares",
-    "fit xsens --methods least_squares",
     "fit session1",
-    "explain session1",
     "explain xsens",
     "report session1",
     "noise rest.csv",
@@ -49,8 +47,6 @@ USUAL = (
 )
 #: other programs
 OTHERS = {
-    "NumPy imported": "import numpy",
-    "pandas, `read_csv` of rest.csv": "import pandas; pandas.read_csv('rest.csv')",
     "AllanTools, `oadev` of its six channels as well": "import allantools, pandas; [allantools.oadev(x, rate=208.0, data_type='freq', "
     "taus='octave') for x in pandas.read_csv('rest.csv').to_numpy().T[1:]]",
 }

@@ -96,10 +96,6 @@ def brief(text: str) -> str:
     return clause
 
 
-def _row(*cells: str) -> str:
-    return f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |"
-
-
 def commands_text() -> str:
     """All commands, with the options that each has alone, then those that several have."""
     lines = []
@@ -119,8 +115,8 @@ def commands_text() -> str:
 def library_text() -> str:
     """The function of each command, the other functions, and the keywords that are no option."""
     functions = {name: FUNCTIONS.get(name, f"tinygc.{name}") for name in commands()}
-    lines = ["### Functions", "", "| command | function | returns |", "|---|---|---|"]
-    lines += [_row(f"`{name}`", f"`{dotted}`", returned(there(dotted))) for name, dotted in functions.items()]
+    lines = ["### Functions", "", "The function of each command, and what it returns where that has a name of its own:", ""]
+    lines += [f"- `{name}`: `{dotted}`{returned(there(dotted))}" for name, dotted in functions.items()]
     others = [name for name in dir(tinygc) if inspect.isfunction(getattr(tinygc, name)) and f"tinygc.{name}" not in functions.values()]
     lines += ["", "Others:", ""]
     lines += [f"- `tinygc.{name}`: {first_sentence(getattr(tinygc, name))}" for name in others]
@@ -144,9 +140,9 @@ def there(dotted: str) -> Any:
 
 
 def returned(thing: Any) -> str:
-    """The name of what a function returns, where it is declared."""
+    """Behind a comma, the name of what a function returns, where it is declared."""
     name = str(getattr(thing, "__annotations__", {}).get("return", "")).rpartition(".")[2]
-    return f"`{name}`" if name not in ("", "Any", "None") else "an instance" if inspect.isclass(thing) else "a result"
+    return f", `{name}`" if name not in ("", "Any", "None") else ""
 
 
 def first_sentence(thing: Any) -> str:

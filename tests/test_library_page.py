@@ -16,7 +16,7 @@ NOTEBOOK = ROOT / "docs" / "notebook.ipynb"
 
 def rows() -> dict[str, str]:
     """Command -> the name of its Python function, as the page's table has them."""
-    found = re.findall(r"^\| `([\w -]+)` \| `([\w.]+)` \| .+ \|$", PAGE, re.M)
+    found = re.findall(r"^- `([\w -]+)`: `([\w.]+)`(?:, `[\w\[\]]+`)?$", PAGE, re.M)
     assert len(dict(found)) == len(found), "a command has two rows"
     return dict(found)
 

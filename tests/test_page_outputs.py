@@ -1,6 +1,7 @@
 """What a page shows of a command is what the command prints: docs/make_outputs.py runs them all, and the benchmarks of measured tables."""
 
 import ast
+import contextlib
 import importlib.util
 import re
 import shlex
@@ -41,19 +42,19 @@ def constants(path):
     tree, known, texts, lists = ast.parse(path.read_text(encoding="utf-8")), {}, set(), set()
 
     def value(node):
-        try:
+        with contextlib.suppress(NameError, TypeError, AttributeError, KeyError):
             return eval(compile(ast.Expression(node), path, "eval"), {"__builtins__": {}}, known)
-        except (NameError, TypeError, AttributeError, KeyError):
-            return None
+        return ()
 
     for statement in tree.body:
-        if isinstance(statement, ast.Assign) and isinstance(statement.targets[0], ast.Name):
-            known[statement.targets[0].id] = value(statement.value)
+        if isinstance(statement, ast.Assign):
+            with contextlib.suppress(NameError, TypeError, AttributeError, KeyError):
+                exec(compile(ast.Module([statement], []), path, "exec"), {"__builtins__": {}}, known)
     for node in ast.walk(tree):
         if isinstance(node, ast.Constant):
             texts.add(node.value)
         elif isinstance(node, ast.List | ast.Tuple) and isinstance(node.ctx, ast.Load):
-            lists.add(tuple(found) if (found := value(node)) and all(isinstance(each, str) for each in found) else ())
+            lists.add(tuple(map(str, value(node))))
     return texts, lists
 
 

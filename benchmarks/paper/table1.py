@@ -84,7 +84,8 @@ def table1(euroc: Euroc, progress: Callable[[str], None]) -> str:
         f"The denoiser moves no AOE by more than {moved:.3f}°.",
         f"The common bias that suits these five sequences best, chosen by their own truth, gives {best_constant(euroc, squared):.2f}.",
     ]
-    return "\n\n".join([markdown(HEADER, rows), *said])
+    means = [(*row[:2], row[-1]) for row in rows]
+    return "\n\n".join([markdown(["", "parameters", "mean"], means), markdown(HEADER, rows), *said])
 
 
 def true_bias(name: str, model):

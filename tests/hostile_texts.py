@@ -16,9 +16,11 @@ from dataclasses import dataclass, replace
 from functools import cache
 from html.parser import HTMLParser
 from io import StringIO
+from xml.etree import ElementTree
 
 import numpy as np
 import yaml
+from feature import feature
 from rich.table import Table
 from rich.text import Text
 
@@ -34,6 +36,7 @@ from tinygc.models.linear import LinearModel
 from tinygc.noise.figures import TERMS, AxisNoise, Inflation, NoiseFigures, SensorNoise, Term
 from tinygc.reporting.html.markup import code, escape, table
 
+dcc_file = feature("tinygc.features.unit.certificate.dcc_file")
 HARMLESS = "unit 7"
 UNREADABLE = 1000
 PAYLOADS = {  # a line of each format that does something
@@ -256,6 +259,18 @@ def toml_lines(written: str) -> list[str]:
     return [*(f"{name} {len(entry)}" for name, entry in tomllib.loads(written).items()), *("line" for _ in written.splitlines())]
 
 
+def certified(text: str) -> str:
+    """The text as a name in a Digital Calibration Certificate."""
+    root = ElementTree.Element("item", {"schemaVersion": "3.3.0"})
+    dcc_file.named(root, "name", text)
+    return ElementTree.tostring(root, encoding="unicode")
+
+
+def xml_elements(written: str) -> list[str]:
+    """Elements and attributes; ParseError, which counts as unreadable, for what is not well formed."""
+    return [part for each in ElementTree.fromstring(written).iter() for part in (each.tag, *each.attrib)]
+
+
 PLACES = {
     "px4": Place(file_of("px4"), lines_but_comments),
     "ardupilot": Place(file_of("ardupilot"), ardupilot),
@@ -271,3 +286,5 @@ PLACES = {
     "terminal": Place(printed, terminal),
     "HTML": Place(fragment, elements),
 }
+if dcc_file is not None:
+    PLACES["XML"] = Place(certified, xml_elements)

@@ -1,4 +1,4 @@
-"""The certificate: what is on it, what leaves a draft, the report's numbers with one U."""
+"""The certificate and its DCC: what is on them, what leaves a draft, the report's numbers with one U, valid by PTB's schema."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ from datetime import date
 from html import unescape
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from types import SimpleNamespace
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -19,16 +21,83 @@ from browser import browser_path
 import tinygc
 from session.base.errors import CalibrationError, FormatError
 from session.base.toml import parse_toml
-from session.base.units import DEG
+from session.base.units import DEG, MG
 from session.log.config import config_of
 from tinygc.estimation.spread import ZERO, Spread
 from tinygc.explanation.reported import ReportData
 from tinygc.features.unit.certificate.content import Certificate, page
+from tinygc.features.unit.certificate.dcc_file import UNITS, dcc_text
 from tinygc.features.unit.certificate.given import REQUIRED
+from tinygc.inference.decide import Fact
 from tinygc.inference.solve import coverage_factor, effective_freedom
 from tinygc.library.reports import Report
 from tinygc.models.linear import LinearModel, field_jacobian
 from tinygc.verdict.acceptance import decide
+
+#: of one number, and of a list
+EXPANDED = ("valueExpandedMU", "valueExpandedMUXMLList")
+FACTORS, PROBABILITIES = ("coverageFactor", "coverageFactorXMLList"), ("coverageProbability", "coverageProbabilityXMLList")
+
+
+def parse(text):
+    """version, number, laboratory, customer, model, identifications, begin, end, quantity by its id."""
+    root = ElementTree.fromstring(text)
+    parts = root.iterfind(".//{*}results")
+    quantities = [quantity(each) for part in parts for each in outer(part) if real_of(each) is not None]
+    return SimpleNamespace(
+        version=root.get("schemaVersion"),
+        number=root.findtext(".//{*}coreData/{*}uniqueIdentifier"),
+        laboratory=root.findtext(".//{*}calibrationLaboratory/{*}contact/{*}name/{*}content"),
+        customer=root.findtext(".//{*}customer/{*}name/{*}content"),
+        model=root.findtext(".//{*}items/{*}item/{*}model"),
+        identifications=tuple(each.text for each in root.iterfind(".//{*}items/{*}item/{*}identifications//{*}value")),
+        begin=root.findtext(".//{*}coreData/{*}beginPerformanceDate"),
+        end=root.findtext(".//{*}coreData/{*}endPerformanceDate"),
+        quantity={each.id: each for each in quantities}.__getitem__,
+    )
+
+
+def local(element):
+    return element.tag.rpartition("}")[2]
+
+
+def outer(element):
+    """Quantities of results, without those that stand inside another one's remarks."""
+    for each in element:
+        if local(each) == "quantity":
+            yield each
+        elif local(each) not in ("measurementMetaData", "influenceConditions", "usedMethods"):
+            yield from outer(each)
+
+
+def real_of(element):
+    """Its number or list of numbers."""
+    return next((each for each in element if local(each) in ("real", "realListXMLList")), None)
+
+
+def quantity(element):
+    """values in units, expanded, factor and probability: NaN where it is not stated; conformity; covariance, None where there is none."""
+    real = real_of(element)
+    values = numbers(real, "value", "valueXMLList")
+    single = [each for each in real if local(each) != "measurementUncertaintyMultivariateXMLList"]  # it has a coverage of its own
+    columns = [numbers(each, "valueXMLList") for each in real.iterfind(".//{*}covarianceXMLList")]
+    expanded, factor, probability = (
+        np.broadcast_to(next((found for each in single if len(found := numbers(each, *names))), np.nan), values.shape)
+        for names in (EXPANDED, FACTORS, PROBABILITIES)
+    )
+    conformity = [each.text for each in element.iterfind("{*}measurementMetaData//*") if local(each) in ("conformity", "conformityXMLList")]
+    return SimpleNamespace(
+        id=element.get("id"),
+        **dict(values=values, expanded=expanded, factor=factor, probability=probability),
+        conformity=tuple(" ".join(conformity).split()),
+        covariance=np.array(columns).T if columns else None,
+    )
+
+
+def numbers(element, *names):
+    text = next((each.text for each in element.iter() if local(each) in names), "")
+    return np.array([float(word) for word in text.split()])
+
 
 #: sessions' folders without truth.json, which leaves a draft; the logs have paths of their own
 RECORDED = TemporaryDirectory(prefix="tinygc-")
@@ -45,6 +114,7 @@ date = 2026-11-20
 [certificate]
 laboratory = "Laboratoryword"
 address = "Labaddressword"
+country = "DE"
 customer = "Customerword"
 customer_address = "Customeraddressword"
 number = "Numberword-7"
@@ -53,6 +123,7 @@ item = "Itemword"
 manufacturer = "Manufacturerword"
 condition = "Conditionword"
 place = "Placeword"
+performed_at = "customerBranch"
 operator = "Operatorword"
 authorised_by = "Authorword"
 role = "Roleword"
@@ -156,7 +227,7 @@ def limited(data):
 def test_every_field_of_the_session_is_on_the_page_and_nothing_else(filled, data):
     words = words_of(filled)
     fields = re.findall(r'^\w+ = (?:"(.*?)"|(\d{4}-\d\d-\d\d))$', FIELDS, flags=re.MULTILINE)
-    never = {"sensor", "guard band", "Noteoperator"}  # replaced by a field of the certificate
+    never = {"DE", "sensor", "guard band", "customerBranch", "Noteoperator"}  # of the DCC, or replaced by a field of the certificate
     for value in {a or b for a, b in fields} - never:
         assert value in words, value
     assert filled.draft == filled.missing == ()
@@ -292,27 +363,128 @@ def test_days_out_of_order_and_texts_that_no_page_has_room_for_are_refused(data,
             with_fields(data, FIELDS.replace("Customerword", text))
 
 
+# The Digital Calibration Certificate
+
+
+@pytest.fixture(scope="module")
+def faults(shared):
+    """``faults(text)``: what PTB's schema says."""
+    etree = pytest.importorskip("lxml.etree", reason="lxml validates the certificate against PTB's schema")
+    schema = etree.XMLSchema(etree.parse(str(shared / "wild" / "dcc" / "v3.3.0" / "dcc.xsd"), etree.XMLParser(no_network=True)))
+
+    def said(text: str) -> list[str]:
+        schema.validate(etree.fromstring(text.encode("utf-8")))
+        return [f"{error.line}: {error.message}" for error in schema.error_log]
+
+    return said
+
+
+@pytest.mark.parametrize(
+    "cut",
+    [
+        r"^(received|amends|valid_until|next_calibration|manufacturer|role|operator) = .*\n",
+        r"\[\[certificate.equipment\]\]\n(\w+ = .*\n)+|\[requirements\](.|\n)*",
+        r"^(registers|firmware|conditions|deviations|external|remarks|condition|item|identification) = .*\n",
+    ],
+)
+def test_it_is_valid_by_the_schema_whatever_is_left_out(faults, data, cut):
+    assert faults(dcc_text(Certificate(with_fields(data, re.sub(cut, "", FIELDS, flags=re.MULTILINE))))) == []
+
+
+def test_it_is_read_back_to_the_same_numbers(filled, made):
+    found = parse(dcc_text(filled))
+    assert (found.version, found.number) == ("3.3.0", "Numberword-7")
+    assert (found.laboratory, found.customer) == ("Laboratoryword", "Customerword")
+    assert (found.model, found.identifications) == (made.fit.session.config.sensor.model, ("Serialword",))
+    assert (found.begin, found.end) == ("2026-11-20", "2026-11-20")
+    size = {"ppm": 1e-6, "mrad": 1e-3, "mdps": 1e-3 * DEG, "mg": MG, "°": DEG}
+    checked = {name: each for name, each in values_of(filled.results).items() if each.unit in size}
+    assert len(checked) > 25
+    for name, each in checked.items():
+        q = found.quantity("_".join(re.findall(r"\w+", name.replace("-", " "))))
+        numbers = [*q.values, *q.expanded, *q.factor, *q.probability]
+        assert numbers == pytest.approx([each.value * size[each.unit], each.expanded * size[each.unit], each.factor, 0.95], rel=1e-6)
+    model = found.quantity("calibration")
+    assert model.values == pytest.approx(made.adopted.vector[:12], rel=1e-15)
+    assert model.covariance == pytest.approx(made.adopted.covariance[:12, :12], rel=1e-15)
+    assert np.isnan(model.expanded).all()
+    assert found.quantity("closure").values == pytest.approx([filled.closure[0][0].value * DEG], rel=1e-12)
+    assert found.quantity("closure").conformity == found.quantity("gyroscope_bias_x").conformity == ("pass",)
+    assert found.quantity("gyroscope_misalignment_x_to_y").conformity == ()
+    assert found.quantity("found_gyroscope_scale_factor_error_y").values == pytest.approx([1e-3], rel=1e-6)
+    (factor,) = re.findall(r"<si:coverageFactorXMLList>(.*?)</", dcc_text(filled))
+    assert float(factor) == pytest.approx(np.sqrt(21.026), abs=1e-3)  # the 0.95 quantile of chi-square with 12 degrees of freedom
+
+
+def test_answers_between_pass_and_fail_are_conditional_of_a_guard_band_alone(data, made, faults):
+    """The words of ILAC-G8; what is not observed, or not decided, has limits and no answer."""
+    value = next(each.measured for *_, of in Certificate(made).statements for each in of if each.measured.key == "closure_deg")
+    for limit, answer in ((value.value + value.expanded / 2, "conditionalPass"), (value.value - value.expanded / 2, "conditionalFail")):
+        content = Certificate(with_fields(data, FIELDS.replace("upper = 5\n", f"upper = {limit}\n")))
+        assert parse(dcc_text(content)).quantity("closure").conformity == (answer,)
+    unseen = replace(made, adopted=replace(made.adopted, unobserved=("B_y",)))
+    text = dcc_text(Certificate(replace(unseen, decision=limited(unseen))))
+    assert faults(text) == []
+    assert parse(text).quantity("gyroscope_bias_x").conformity == ("pass",)
+    assert "not observed" in (part := re.search(r'id="gyroscope_bias_y".*?id="gyroscope_bias_z"', text, flags=re.DOTALL)[0])
+    assert "conformity>" not in part
+
+
+#: what one of a unit is in SI, by hand: 1 dps is 17.4532925 mrad/s, 1 g is 9.80665 m/s^2
+IN_SI = {"ppm": 1e-6, "mrad": 1e-3, "°": 0.0174532925199433, "mdps": 1.74532925199433e-5, "mg": 9.80665e-3}
+IN_SI |= {"dps/g": 1.77974053524e-3, "°/√h": 2.90888208665722e-4, "°/h": 4.84813681109536e-6}
+
+
+def test_each_unit_in_si(filled):
+    assert set(IN_SI) == set(UNITS)
+    for unit, si in IN_SI.items():
+        one = replace(filled)
+        vars(one)["results"] = [Fact("one", unit, 1.0, 0.5)]
+        q = parse(dcc_text(one)).quantity("one")
+        assert (q.values[0], q.expanded[0]) == pytest.approx((si, si * 0.979982), rel=1e-6)
+
+
+def test_what_people_wrote_stays_text_and_a_draft_has_no_dcc(data, faults):
+    text = dcc_text(Certificate(with_fields(data, FIELDS.replace("Customerword", "A & B <b>]]> ü &lt;"), serial="S\x07\x1b[31m<x/>")))
+    assert faults(text) == []
+    assert parse(text).identifications == ("S\\x07\\x1b[31m<x/>",)
+    for lines, says in (
+        (['number = "Numberword-7"\n'], r"a draft has no Digital Calibration Certificate; not stated: certificate\.number"),
+        (
+            ['country = "DE"\n', 'performed_at = "customerBranch"\n'],
+            r"has no certificate\.country \(two letters\), certificate\.performed_at",
+        ),
+    ):
+        fields = FIELDS
+        for line in lines:
+            fields = fields.replace(line, "")
+        with pytest.raises(CalibrationError, match=says):
+            dcc_text(Certificate(with_fields(data, fields)))
+
+
 # Files and commands
 
 
-def test_the_command_writes_report_and_certificate(simulated, tmp_path, run):
-    folder, table = tmp_path / "session", tmp_path / "r.json"
+def test_the_command_writes_report_certificate_and_dcc(simulated, tmp_path, run):
+    folder, out, table = tmp_path / "session", tmp_path / "dcc.xml", tmp_path / "r.json"
     shutil.copytree(simulated(segments=16), folder, ignore=shutil.ignore_patterns("truth.json"))
     toml = folder / "session.toml"
     marked, recorded = toml.read_text(encoding="utf-8").split("\n", 1)
     assert marked.startswith("# SIMULATED")
     toml.write_text(recorded.replace("[sensor]\n", "[sensor]\nclock_sigma_ppm = 20\n") + FIELDS, encoding="utf-8")
     words = ("--methods", "raw,least_squares", "--no-explain", "--out", tmp_path / "r.html")
-    code, said, _ = run("report", folder, "--certificate", "--json", table, *words)
+    code, said, _ = run("report", folder, "--certificate", "--dcc", out, "--json", table, *words)
     (tmp_path / "r.html").unlink()
     assert code == 0
-    assert "certificate.html" in said
-    assert json.loads(table.read_text())["certificate"]["number"] == "Numberword-7"
+    assert str(out) in said
+    said = parse(out.read_text(encoding="utf-8")).number, json.loads(table.read_text())["certificate"]["number"]
+    assert said == ("Numberword-7", "Numberword-7")
     assert "End of certificate" in (folder / "certificate.html").read_text(encoding="utf-8")
     for more, says in (
         (("--as-found", toml), "--as-found is stated on a certificate: add --certificate"),
-        ((folder, "--certificate", "--as-found", toml), "--as-found names one file"),
+        ((folder, "--dcc", tmp_path / "c.xml"), "--dcc names one file"),
         (("--certificate", folder / "certificate.html"), "holds a certificate, which may be issued; move it"),
+        (("--dcc", out), "holds a certificate, which may be issued; move it"),
     ):
         code, _, err = run("report", folder, *more, *words)
         assert (code, says in err) == (2, True), err

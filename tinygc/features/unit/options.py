@@ -157,4 +157,5 @@ class CertificateOptions(Record):
         read=file_written,
         alone=OWN_PLACE,
     )
+    dcc: Path | None = option(None, "write the certificate as a Digital Calibration Certificate, XML", read=file_written, rare=True)
     as_found: Path | None = option(None, "the model in use until now: the certificate states its errors as found", rare=True)

@@ -1,4 +1,4 @@
-"""``report --certificate``: the certificate next to the report."""
+"""``report --certificate`` and ``--dcc``: the certificate next to the report."""
 
 from __future__ import annotations
 
@@ -23,10 +23,11 @@ def after_report(args: Any) -> Callable[[Report], dict] | None:
     own = record_in(args.of_features, CertificateOptions)
     if args.more and own.certificate not in (None, OWN_PLACE):
         raise CalibrationError("--certificate FILE names one file; of several folders each gets its certificate.html in it: leave FILE out")
-    if args.more and own.as_found is not None:
-        raise CalibrationError("--as-found names one file, and there are several folders; report them one by one")
+    for option, path in (("--dcc", own.dcc), ("--as-found", own.as_found)):
+        if args.more and path is not None:
+            raise CalibrationError(f"{option} names one file, and there are several folders; report them one by one")
     form = args.folder / "certificate.html" if own.certificate is OWN_PLACE else own.certificate
-    if form is None:
+    if form is None and own.dcc is None:
         if own.as_found is not None:
             raise CalibrationError("--as-found is stated on a certificate: add --certificate, or leave it out")
         return None
@@ -34,14 +35,18 @@ def after_report(args: Any) -> Callable[[Report], dict] | None:
         return None
     from tinygc.features.unit.certificate.content import certificate, check_before
 
-    check_before(args.folder, form, own.as_found)
-    try_file(form, args.json)
+    check_before(args.folder, form, own.dcc, own.as_found)
+    for path in (form, own.dcc):
+        if path is not None:
+            try_file(path, args.json)
 
     def write(report: Report) -> dict:
         made = certificate(report, own.as_found)
-        files = made.save(form, pdf=args.pdf)
+        files = [] if form is None else made.save(form, pdf=args.pdf)
         if made.line:
             complain(made.line)
+        if own.dcc is not None:
+            files.append(made.save_dcc(own.dcc))
         output(args).print(f"written: {', '.join(map(str, files))}")
         return {"certificate": made.to_json()}
 

@@ -1,7 +1,7 @@
 """A certificate of a report's data: what it states, each from a field of session.toml or computed from the recording (certificate.md).
 
-The HTML for paper renders it, and adds no statement of its own.  What is required of a certificate (ISO/IEC 17025:2017, 7.8.2.1 and
-7.8.4.1) and is not there reads "not stated", and leaves the document a draft.
+HTML for paper and the Digital Calibration Certificate (``dcc_file.py``) render it, and add no statement of their own.  What is required of
+a certificate (ISO/IEC 17025:2017, 7.8.2.1 and 7.8.4.1) and is not there reads "not stated", and leaves the document a draft.
 """
 
 from __future__ import annotations
@@ -25,12 +25,13 @@ from session.base.results import write_text_whole
 from session.base.texts import STANDIN_NAME, fixed, significant
 from session.base.toml import read_toml
 from session.base.units import MDPS
-from session.log.config import Config
+from session.log.config import Config, read_config
 from session.log.folder import Session, read_session
 from session.log.lines import GZIP
 from session.log.requirements import ATTITUDE, Rule
 from tinygc.estimation.spread import ZERO
 from tinygc.explanation.reported import LINEAR, ReportData
+from tinygc.features.unit.certificate.dcc_file import dcc_text, require_fields
 from tinygc.features.unit.certificate.given import CertificateGiven, Equipment, given_in, missing_fields, out_of_order
 from tinygc.inference.decide import Conformity, Fact, share_words
 from tinygc.inference.solve import Source, known_sources, total
@@ -79,7 +80,7 @@ Line = tuple[str, str, str]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Certificate:
-    """Result of ``tinygc.certificate``: ``html``, ``draft``, ``missing``, ``save(path)``, ``to_json()``.
+    """Result of ``tinygc.certificate``: ``html``, ``dcc``, ``draft``, ``missing``, ``save(path)``, ``to_json()``.
 
     data: of the report; before, previous: the calibration in use until now, whose errors are stated as found, and its file.
     """
@@ -96,6 +97,11 @@ class Certificate:
         """The certificate as one HTML document that needs nothing else."""
         return page(self)
 
+    @cached_property
+    def dcc(self) -> str:
+        """The certificate as Digital Calibration Certificate, XML.  Raises CalibrationError for a draft."""
+        return dcc_text(self)
+
     def save(self, path: Path | str, *, pdf: bool = False) -> list[Path]:
         """Write the HTML file, and the same as PDF next to it, which needs Chromium; returns the paths."""
         path = Path(path)
@@ -104,6 +110,13 @@ class Certificate:
         with result_folder(path.parent):
             write_text_whole(path, self.html)
         return [path, *([print_pdf(path, path.with_suffix(".pdf"))] if pdf else [])]
+
+    def save_dcc(self, path: Path | str) -> Path:
+        """Write the Digital Calibration Certificate; returns its path.  Raises CalibrationError for a draft."""
+        path, text = Path(path), self.dcc
+        with result_folder(path.parent):
+            write_text_whole(path, text)
+        return path
 
     def to_json(self) -> dict:
         """``certificate`` of ``tinygc-report/1``."""
@@ -504,20 +517,24 @@ def _conformities(conformities: Sequence[Conformity]) -> Table:
 # Before it is made.
 
 
-def check_before(folder: Path, form: Path, as_found: Path | None) -> None:
+def check_before(folder: Path, form: Path | None, dcc: Path | None, as_found: Path | None) -> None:
     """Refuse, before a fit, what its certificate would fail at.
 
-    Raises CalibrationError where a certificate that is no draft lies at its path, and where the time base is not calibrated; FormatError
-    for a damaged session.toml or model.
+    Raises CalibrationError where a certificate that is no draft lies at one of the two paths, where the time base is not calibrated, and
+    where session.toml does not have what a Digital Calibration Certificate needs; FormatError for a damaged session.toml or model.
     """
-    if form.is_file():
-        with open_file(form) as stream:
+    for path, mark in ((form, f"<title>{TITLE} "), (dcc, "digitalCalibrationCertificate")):
+        if path is None or not path.is_file():
+            continue
+        with open_file(path) as stream:
             begins = stream.read(ENOUGH)
-        if f"<title>{TITLE} ".encode() in begins:
-            raise CalibrationError(f"{form}: holds a certificate, which may be issued; move it to its place, or give another file")
+        if mark.encode() in begins:
+            raise CalibrationError(f"{path}: holds a certificate, which may be issued; move it to its place, or give another file")
     if as_found is not None:
         _linear(as_found)
-    if (folder / "session.toml").is_file():
+    if (toml := folder / "session.toml").is_file():
+        if dcc is not None:
+            require_fields(read_config(toml))
         _require_clock(read_session(folder))
 
 
@@ -541,7 +558,7 @@ def certificate(report: Any, as_found: Path | str | None = None) -> Certificate:
     Returns
     -------
     Certificate
-        ``html``, ``draft``, ``missing``, ``save(path, pdf=False)``.
+        ``html``, ``dcc``, ``draft``, ``missing``, ``save(path, pdf=False)``, ``save_dcc(path)``.
 
     Raises
     ------

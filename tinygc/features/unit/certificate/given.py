@@ -13,6 +13,9 @@ from session.base.results import Keys, Shape, Text
 if TYPE_CHECKING:
     from session.log.config import Config
 
+#: places of a Digital Calibration Certificate
+PERFORMED_AT = ("laboratory", "customer", "laboratoryBranch", "customerBranch", "other")
+LANGUAGES = ("en",)
 #: what traceability is stated of
 TRACED = ("gravity", "clock", "angle")
 #: fields that a certificate must have -> what they are, in words
@@ -40,6 +43,18 @@ class Line(Text):
         """Raises Mismatch."""
         super().check(value, where)
         if not value.strip() or not value.isprintable() or len(value) > LONGEST:
+            self.refuse(value, where)
+
+
+class Country(Text):
+    """Two capital letters (ISO 3166-1)."""
+
+    expected = "two capital letters (ISO 3166-1)"
+
+    def check(self, value: Any, where: str) -> None:
+        """Raises Mismatch."""
+        super().check(value, where)
+        if not (len(value) == 2 and value.isascii() and value.isalpha() and value.isupper()):
             self.refuse(value, where)
 
 
@@ -89,6 +104,8 @@ class CertificateGiven:
     laboratory: Words = ""
     #: its address
     address: Words = ""
+    #: required by the DCC
+    country: Annotated[str, Country()] = ""
     #: name of the customer
     customer: Words = ""
     #: address of the customer
@@ -105,6 +122,8 @@ class CertificateGiven:
     condition: Words = ""
     #: where it was calibrated
     place: Words = ""
+    #: required by the DCC
+    performed_at: Annotated[str, Text(PERFORMED_AT)] = ""
     #: who calibrated; `notes.operator` without it
     operator: Words = ""
     #: who authorises the certificate
@@ -131,6 +150,8 @@ class CertificateGiven:
     external: Words = ""
     #: anything else
     remarks: Words = ""
+    #: of the certificate
+    language: Annotated[str, Text(LANGUAGES)] = LANGUAGES[0]
     #: `[[certificate.equipment]]`: `name`, and `identification`, `certificate` (its number), `due` (a date)
     equipment: tuple[Equipment, ...] = ()
     #: `[certificate.traceability]`: `gravity`, `clock`, `angle`: how each is traceable, a line of text

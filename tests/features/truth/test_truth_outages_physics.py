@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from truth_sessions import Wrong, made
 
 from tinygc.features.truth.check import with_aligned_truth
-from tinygc.features.truth.outages import _ceilings_of, _runs, _usual, without_outages
+from tinygc.features.truth.outages import _runs, _usual, without_outages
 from tinygc.features.truth.reading import changed
 from tinygc.features.truth.segments import cut_at_truth
 
@@ -91,43 +91,9 @@ def test_runs_join_over_a_pause_and_need_three_spans_or_an_end():
     assert runs(*range(50, 95)) == []
 
 
-def test_a_ceiling_is_where_the_gyro_stays_and_below_which_it_goes_along():
-    """Twenty spans beyond 1.1 times the level, four of five of them within 5 % of it; below, within 5 % of the truth."""
-    truth = np.tile(np.linspace(-2.0, 2.0, 401)[:, None], (1, 3))
-    limited = np.clip(truth, -1.0, 1.0)
-    assert _ceilings_of(truth, limited) == pytest.approx(np.ones(3))
-    for scale, found in ((0.96, True), (0.94, False), (1.04, True), (1.06, False)):
-        assert np.isfinite(_ceilings_of(truth, np.clip(truth * scale, -1.0, 1.0))).all() == found
-    assert np.isnan(_ceilings_of(truth, truth * 0.8)).all()  # a scale that is far too small stands nowhere
-    fast = np.flatnonzero(np.abs(truth[:, 0]) > 1.1)
-    for beyond, found in ((20, True), (19, False)):
-        kept = np.setdiff1d(np.arange(len(truth)), fast[beyond:])
-        assert np.isfinite(_ceilings_of(truth[kept], limited[kept])).all() == found
-    for stay, found in ((0.82, True), (0.78, False)):
-        falls = limited.copy()
-        falls[fast[round(stay * len(fast)) :]] *= 0.5
-        assert np.isfinite(_ceilings_of(truth, falls)).all() == found
-
-
 def test_what_is_no_outage_and_what_freezes():
     """A single wrong moment, a step of the gyro's bias; a frozen one is told by its repeated values."""
     moment = {"turned_deg": lambda t: np.full((len(t), 3), 4.0), "at_s": (7.99, 8.01)}
     assert not outages_of(spoilt(**moment, gyro_dps=lambda t: (t > 5)[:, None] * np.array([3.0, -2.0, 4.0])))
     (outage,) = outages_of(spoilt(frozen=(13.0, 16.0), wrong=replace(DENSE, force=False)))
     assert outage.sure
-
-
-def test_a_soft_ceiling_of_the_gyro_is_located_and_the_truths_clock_is_not_accused():
-    """By the rates that are missed, with a scatter of 1 dps at the level; the clock is that of the readings below."""
-    session, _ = made(Wrong(late_s=0.05), 3)
-    samples = session.logs[0].samples
-    limited = np.clip(samples.gyro, -60 * DEG, 60 * DEG)
-    gyro = limited + (limited != samples.gyro) * np.random.default_rng(3).normal(size=limited.shape) * DEG
-    session = replace(session, logs=(replace(session.logs[0], samples=replace(samples, gyro=gyro)),))
-    aligned, findings = with_aligned_truth(session)
-    (finding,) = [each for each in findings if each.what == "gyro ceiling"]
-    assert finding.level == "error"
-    assert finding.description.startswith("x, y, z stay at ±")
-    assert aligned.reference.alignment.ceiling_rps == pytest.approx(60 * DEG, abs=1.0 * DEG)
-    assert aligned.reference.alignment.offset_s == pytest.approx(-0.05, abs=3 * aligned.reference.alignment.offset_sigma_s)
-    assert aligned.reference.alignment.offset_sigma_s < 2e-4

@@ -10,14 +10,13 @@ from session.base.numeric import rms_of
 from session.base.rotation import conjugate, multiply
 from session.base.rotation import log as rotation_vector
 from session.base.units import DEG
-from session.detect.findings import Finding, axes_text, xyz_text
+from session.detect.findings import Finding, xyz_text
 from session.log.folder import Session
 from session.log.logfile import Log
 from tinygc.features.truth.alignment import EXPLAINED, LONGEST_S, MOUNTING_RAD, OFFSET_SIGMAS, carried
 from tinygc.features.truth.outages import without_outages
 from tinygc.features.truth.reading import (
     ATTITUDE,
-    CEILING,
     CLOCK,
     FOUND,
     FRAME,
@@ -41,8 +40,7 @@ LEAST_DEG = 1.0
 
 def check_truth(session: Session, log: Log) -> list[Finding]:
     """The rotations between moments of truth, against the gyro's, a constant bias taken off."""
-    truth, config, alignment = session.reference.truths[session.logs.index(log)], session.config, session.reference.alignment
-    limited = alignment is not None and np.isfinite(alignment.ceiling_rps).any()  # another finding names the ceiling
+    truth, config = session.reference.truths[session.logs.index(log)], session.config
     where = truth.path.name
     try:
         cut = cut_at_truth(log.samples, truth, config.sensor, config.protocol)
@@ -73,8 +71,6 @@ def check_truth(session: Session, log: Log) -> list[Finding]:
     hint = (
         "the inverse explains it: write q_nb, body to navigation frame"
         if inverse < 0.5 * misfit
-        else "the gyro's ceiling is the reason"
-        if limited
         else "are axes, units and clocks the same?"
     )
     return [*findings, Finding("error", where, "gyro against truth", text, hint)]
@@ -105,7 +101,6 @@ def with_aligned_truth(session: Session) -> tuple[Session, list[Finding]]:
     where = truths[0].path.name if len(truths) == 1 else "truth files"
     given = given_in(session.config)
     findings = [_clock(alignment), *_attitude(alignment), _frame(alignment, given), _mounting(alignment, given)]
-    findings += _ceiling(session, alignment)
     findings += [_outage(truth, outage) for truth in truths for outage in truth.outages]
     return aligned, [Finding(level, where, what, text, do) for level, what, text, do in findings if what]
 
@@ -179,20 +174,6 @@ def _attitude(alignment: TruthAlignment) -> list[tuple[str, str, str, str]]:
     if alignment.source["order"] == FOUND:
         found.append(("note", ATTITUDE, "the gyro turns as they do with the scalar last", 'truth.order = "xyzw", or a header qx,qy,qz,qw'))
     return [(level, what, text, f"{do} in session.toml keeps it") for level, what, text, do in found]
-
-
-def _ceiling(session: Session, alignment: TruthAlignment) -> list[tuple[str, str, str, str]]:
-    """What the reference is not to be accused of: the gyro stops below its range."""
-    found = np.isfinite(alignment.ceiling_rps)
-    if not found.any():
-        return []
-    levels = " and ".join(f"{level:.4g}" for level in alignment.ceiling_rps[found] / DEG)
-    stay, go = ("stays", "goes") if found.sum() == 1 else ("stay", "go")
-    text = (
-        f"{axes_text(found)} {stay} at ±{levels} dps, of ±{session.config.sensor.gyro_fs_dps:g}, wherever the truth turns faster, and {go} "
-        f"along with it below: {alignment.ceiling_share:.0%} of the readings are there"
-    )
-    return [("error", CEILING, text, "what is beyond is lost: turn slower, or look for the limit in the sensor's settings")]
 
 
 def _frame(alignment: TruthAlignment, given: TruthGiven) -> tuple[str, str, str, str]:

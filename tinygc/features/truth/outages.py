@@ -46,67 +46,14 @@ MOST_SHARE = 0.4
 
 def without_outages(session: Session) -> Session:
     """The session with its truths aligned as ``align`` does, by their sound moments alone; each truth holds its outages."""
-    aligned = _aligned(session)
+    aligned = align(session)
     found = [find_outages(log, truth) for log, truth in zip(aligned.logs, aligned.reference.truths, strict=True)]
     if not any(found):
         return aligned
     marked = tuple(replace(truth, outages=outages) for truth, outages in zip(session.reference.truths, found, strict=True))
-    sound = _aligned(changed(session, truths=marked))
+    sound = align(changed(session, truths=marked))
     # An outage may hide that truth and gyro go together; where they do not even without it, it is none.
     return sound if np.isfinite(sound.reference.alignment.explained) else aligned
-
-
-# A gyroscope that stops below its declared range, softly: no reading repeats, and its clock and mounting seem to be the truth's fault.
-#
-# It shows by which rates are missed.  Up to a level the gyro goes along with the truth; where the truth turns faster, it stays there.
-
-#: of the fastest reading of the gyro: the truth is faster beyond; the gyro stays within so much of it; and it goes along, up to the level
-BEYOND, STAYS, GOES_ALONG = 1.1, 0.05, 0.05
-#: shares of the level between which it must go along, and of the spans beyond that stay
-ALONG, MOST_STAY = (0.3, 0.8), 0.8
-
-
-def _ceilings_of(truth_rate: np.ndarray, gyro_rate: np.ndarray) -> np.ndarray:
-    """(3,) rad/s, NaN where there is none: the level of each axis that the gyro's rates (K, 3) do not pass where the truth's (K, 3) do."""
-    found = np.full(3, np.nan)
-    for axis, (truth, gyro) in enumerate(zip(np.abs(truth_rate).T, np.abs(gyro_rate).T, strict=True)):
-        level = float(gyro.max(initial=0.0))
-        beyond = truth > BEYOND * level
-        below = (truth > ALONG[0] * level) & (truth < ALONG[1] * level)
-        if min(beyond.sum(), below.sum()) < FEWEST:
-            continue
-        stays = float(np.mean(gyro[beyond] > (1 - STAYS) * level))
-        if stays > MOST_STAY and abs(float(np.median(gyro[below] / truth[below])) - 1) < GOES_ALONG:
-            found[axis] = float(np.median(gyro[beyond]))
-    return found
-
-
-def _rates(samples: Samples, truth: Truth) -> tuple[np.ndarray, np.ndarray]:
-    """(K, 3) rad/s of truth and gyro, a constant bias taken off, in spans that follow each other."""
-    gyro, spans = carried(samples, samples.gyro), _chain(samples, truth)
-    whole = gyro.whole(spans.begin_s, spans.end_s)
-    duration = (spans.end_s - spans.begin_s)[whole, None]
-    turned = rotation.log(rotation.multiply(rotation.conjugate(gyro.at(spans.begin_s)), gyro.at(spans.end_s)))[whole] / duration
-    truth_rate = rotation.log(spans.turned(truth.q_nb))[whole] / duration
-    return truth_rate, turned - (np.median(turned - truth_rate, axis=0) if len(turned) else 0.0)
-
-
-def _aligned(session: Session) -> Session:
-    """The session with its truths aligned, by the rates below the gyroscope's ceiling where it has one, which the alignment then names."""
-    aligned = align(session)
-    pairs = [_rates(log.samples, truth) for log, truth in zip(aligned.logs, aligned.reference.truths, strict=True)]
-    levels = _ceilings_of(*(np.concatenate(rates) for rates in zip(*pairs, strict=True)))
-    if np.isnan(levels).all():
-        return aligned
-    share, below = [], []
-    for log in aligned.logs:
-        at = np.nan_to_num(np.abs(log.samples.gyro) / levels, nan=0.0) > 1 - 2 * STAYS
-        share.append(at.any(axis=1))
-        below.append(replace(log, samples=log.samples.pick(~at.any(axis=1))))  # no span leads across the gap
-    again = align(replace(session, logs=tuple(below)))
-    best = (again if np.isfinite(again.reference.alignment.explained) else aligned).reference
-    stated = replace(best.alignment, ceiling_rps=levels, ceiling_share=float(np.concatenate(share).mean()))
-    return changed(aligned, truths=best.truths, alignment=stated)
 
 
 @dataclass(frozen=True, eq=False)

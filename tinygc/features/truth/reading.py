@@ -128,7 +128,6 @@ class TruthAlignment:
     offset_s, offset_sigma_s: of the truth's clock, as the recording shows it, whatever is given or used; nan where it does not.  turned,
     turned_sigma (3,) rad: likewise the rotation from the gyro's axes to the truth's body.  up (3,): the mean specific force in the
     file's world over its mean length, where there is one, else None; explained: share of the truth's rotations that the gyro explains.
-    ceiling_rps (3,): rates that the gyro does not pass where the truth does, NaN where none is; ceiling_share: of the readings there.
     """
 
     reading: TruthReading
@@ -139,14 +138,12 @@ class TruthAlignment:
     turned_sigma: np.ndarray
     up: np.ndarray | None
     explained: float
-    ceiling_rps: np.ndarray = field(default_factory=lambda: np.full(3, np.nan))
-    ceiling_share: float = 0.0
 
 
 # What the first look reports of truth files.
 
 CLOCK, FRAME, ATTITUDE, MOUNTING = "truth's clock", "truth's frame", "truth's attitudes", "truth's mounting"
-OUTAGE, CEILING = "truth's outages", "gyro ceiling"
+OUTAGE = "truth's outages"
 #: what fit and explain report as well, where it is more than ok
 REPORTED = (CLOCK, FRAME, ATTITUDE, MOUNTING, OUTAGE)
 

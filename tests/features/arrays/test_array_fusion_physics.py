@@ -88,7 +88,7 @@ def test_no_other_unbiased_combination_has_less_noise():
 
 def test_the_file_gives_the_model_back_and_stands_on_the_page(tmp_path):
     found = [replace(unit, sha256=("0" * 64, "1" * 64)) for unit in units(3)]
-    model = replace(model_of(found, joint_covariance=np.eye(36) * 1e-8, session="a\nb"), noise_correlation=np.eye(9))
+    model = model_of(found, joint_covariance=np.eye(36) * 1e-8, session="a\nb")
     write_whole(tmp_path / "array.json", model)
     again = load_array_model(tmp_path / "array.json")
     assert table_of(again) == table_of(model)
@@ -157,10 +157,9 @@ def test_the_rate_of_the_units_that_are_left_and_its_sigma():
     assert_array_equal(used.sum(axis=1), [3, 2, 1, 0])
 
 
-def test_the_sigma_holds_correlated_noise_and_that_of_the_parameters_where_it_is_known():
-    alike = replace(plain([0.1, 0.2]), noise_correlation=np.kron(np.array([[1, 0.3], [0.3, 1]]), np.eye(3)))
+def test_the_sigma_holds_that_of_the_parameters_where_it_is_known():
     known = model_of(units(3))
-    for model, count, own in ((alike, 2, 0.0), (known, 3, known.bias_sigma)):
+    for model, count, own in ((plain([0.1, 0.2]), 2, 0.0), (known, 3, known.bias_sigma)):
         assert_allclose(fuse(model, np.zeros((count, 3)))[1][0], np.hypot(model.noise_density * np.sqrt(RATE_HZ / 2), own))
 
 

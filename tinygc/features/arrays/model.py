@@ -31,7 +31,6 @@ from tinygc.models.model import (
     MATRIX,
     RATE,
     ROUNDING,
-    certain,
     covariance,
     sensor_table,
 )
@@ -82,12 +81,6 @@ def combined(weights: np.ndarray, covariance: np.ndarray) -> np.ndarray:
 EQUATION = "omega = sum_i weights_i @ mounting_i @ (E_i @ m_i + B_i), m_i the measured rate of unit i in rad/s"
 #: noise for which the weights can be optimal
 WHITE, INSTABILITY = "white", "instability"
-
-
-def _correlation(matrix: np.ndarray) -> str:
-    if wrong := certain(matrix):
-        return wrong
-    return "" if np.abs(np.diag(matrix) - 1).max() < ROUNDING else "has a diagonal other than 1, expected a correlation"
 
 
 class _OfSensor(Keys):
@@ -154,15 +147,14 @@ class FusedUnit:
 class ArrayModel:
     """Model of an array as one gyroscope, and its file.
 
-    rate_hz of the samples; best_for, ``white`` or ``instability``, and the reason; noise_correlation (3 N, 3 N) of the units' white noise
-    in the array's frame, None where it is independent; joint_covariance (12 N, 12 N) of all units' E and B, None where only the units' own
-    are known; session it comes from.
+    rate_hz of the samples; best_for, ``white`` or ``instability``, and the reason; joint_covariance (12 N, 12 N) of all units' E and B,
+    None where only the units' own are known; session it comes from.
     """
 
     schema = SCHEMA
     written = (
         *("version", "equation", "rates", "session", "rate_hz", "best_for", "reason"),
-        *("units", "noise_correlation", "joint_covariance", "fused"),
+        *("units", "joint_covariance", "fused"),
     )
     version: str = VERSION
     equation: str = EQUATION
@@ -172,7 +164,6 @@ class ArrayModel:
     best_for: Annotated[str, Text((WHITE, INSTABILITY))] = WHITE
     reason: str = ""
     units: tuple[FusedUnit, ...]
-    noise_correlation: Annotated[np.ndarray | None, Array((None, None), Number(-1 - ROUNDING, 1 + ROUNDING), _correlation)] = None
     joint_covariance: Annotated[np.ndarray | None, COVARIANCE] = None
 
     @property
@@ -195,11 +186,7 @@ class ArrayModel:
     @cached_property
     def density(self) -> np.ndarray:
         """Return (3 N, 3 N) (rad/s)^2/Hz, one-sided: the white noise of all units in the array's frame."""
-        whole = white_covariance(self.units)
-        if self.noise_correlation is None:
-            return whole
-        sigma = sigmas_in(whole)
-        return self.noise_correlation * np.outer(sigma, sigma)
+        return white_covariance(self.units)
 
     @property
     def noise_density(self) -> np.ndarray:
@@ -251,10 +238,8 @@ class ArrayModel:
             return f"units has {count} entries, expected 2 to {MOST_UNITS}"
         if twice := next((number for number in self.numbers if self.numbers.count(number) > 1), None):
             return f"unit {twice} stands twice, expected each number once"
-        for key, each in (("noise_correlation", 3), ("joint_covariance", 12)):
-            matrix = getattr(self, key)
-            if matrix is not None and matrix.shape != (each * count, each * count):
-                return f"{key} has {len(matrix)} rows, expected {each * count}, {each} of each unit"
+        if (joint := self.joint_covariance) is not None and len(joint) != 12 * count:
+            return f"joint_covariance has {len(joint)} rows, expected {12 * count}, 12 of each unit"
         if (off := np.abs(self.weights.sum(axis=0) - np.eye(3)).max()) > ROUNDING:
             return f"the units' weights miss identity by {off:.2g}, expected weights that sum to identity"
         # ``fused^-1 W_i`` is a unit's information. Sums of positive ones have a positive symmetric part, so they can be inverted.

@@ -7,7 +7,6 @@ import hashlib
 import json
 import os
 import re
-import threading
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -239,25 +238,22 @@ def numbers_of(result: FitResult) -> tuple[np.ndarray, np.ndarray]:
     return values, covariance
 
 
-# One session into a row, in this process, another one, or on another machine.
+# One session into a row, in this process or another one.
 
 #: length limits of an error message, and of the findings in a row: a hundred thousand of them are stored
 MOST_ERROR, MOST_FINDINGS = 500, 20
-#: a cluster's worker may run several tasks in parallel, which share the catalogue of effects and the memory
-_ONE_AT_A_TIME = threading.Lock()
 
 
 @dataclass(frozen=True)
 class Job:
     """Job for one session.
 
-    folder, as the computing process finds it; key of its content when the job was made; version that made the job.
+    folder; key of its content when the job was made.
     """
 
     folder: str
     key: str
     options: FleetOptions
-    version: str = VERSION
 
 
 @dataclass(frozen=True)
@@ -274,12 +270,9 @@ class Outcome:
 def compute(job: Job) -> Outcome:
     """Compute a job's outcome; errors of a session are stored in its row.
 
-    Raises CalibrationError for errors of the process: another version than the job's, missing effects, or other effect files than the
-    job's.
+    Raises CalibrationError for errors of the process: missing effects, or other effect files than the job's.
     """
-    with _ONE_AT_A_TIME, using(job.options.effects):
-        if job.version != VERSION:
-            raise CalibrationError(f"a worker runs TinyGC {VERSION}, this is {job.version}; install the same version everywhere")
+    with using(job.options.effects):
         began, cpu = time.perf_counter(), time.process_time()
         folder, row = Path(job.folder), empty() | {"status": DONE}
         with _failing_at("check", row, folder):
@@ -292,7 +285,7 @@ def compute(job: Job) -> Outcome:
             trouble = "" if after == job.key else f"{folder}: changed while it was read; run again"
         if job.options.effects and effects_hash(job.options.effects) != job.options.effects_sha256:
             where = ", ".join(job.options.effects)
-            raise CalibrationError(f"{where}: effects have changed, or are others where a worker runs; let them be, and run again")
+            raise CalibrationError(f"{where}: effects have changed; let them be, and run again")
         return Outcome(job.key, None if trouble else row, trouble, time.process_time() - cpu, time.perf_counter() - began)
 
 

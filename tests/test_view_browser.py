@@ -1,16 +1,13 @@
 """``view`` in a real browser: nothing spills; zoom by wheel, drag, button and key; a click leaves out and takes back, an edge is dragged;
 a refit changes the closure."""
 
-from pathlib import Path
-
 import pytest
 from browser import Browser, browser_path
-from conftest import writable_copy
 from processes import until
 
 from session.bench.page.server import PageServer
 from session.log.config import read_config
-from session.log.folder import read_session
+from tinygc import read_session, simulate
 from tinygc.cli.commands.view import Viewer
 from tinygc.reporting.view.content import Recording
 from tinygc.reporting.view.page import FOLDER
@@ -19,7 +16,6 @@ pytestmark = [
     pytest.mark.browser,
     pytest.mark.skipif(browser_path() is None, reason="no Chromium here: the page is not looked at in a browser"),
 ]
-SESSION = Path(__file__).resolve().parent.parent / "data" / "session1"
 WIDTHS = (390, 1280, 1920)
 SPILLED = """[...document.querySelectorAll('main *')].filter(e => {
   const box = e.getBoundingClientRect();
@@ -37,7 +33,7 @@ def browser(tmp_path_factory):
 
 @pytest.fixture
 def viewer(tmp_path):
-    folder = writable_copy(SESSION, tmp_path / "s")
+    folder = simulate(segments=16, closure_s=0.0, odr_hz=62.5, seed=2).save(tmp_path / "s")
     server = PageServer(folder=FOLDER)
     server.start()
     running = Viewer(Recording(read_session(folder)), server)
@@ -95,24 +91,24 @@ def key(browser, name):
     browser.ask("Input.dispatchKeyEvent", {"type": "keyUp", "key": name})
 
 
-@pytest.mark.parametrize("width", WIDTHS)
-@pytest.mark.parametrize("dark", [False, True])
-def test_all_of_it_is_seen_and_zoom_works(browser, viewer, width, dark):
-    opened(browser, viewer, width, dark)
-    assert browser.evaluate(COLOURS) > 30
-    assert browser.evaluate(SPILLED) == []
-    assert browser.evaluate("document.documentElement.scrollWidth") <= width
-    assert (browser.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(255, 255, 255)") is not dark
+def test_all_of_it_is_seen_and_zoom_works(browser, viewer):
+    for width in WIDTHS:
+        for dark in (True, False):
+            opened(browser, viewer, width, dark)
+            assert browser.evaluate(COLOURS) > 30
+            assert browser.evaluate(SPILLED) == []
+            assert browser.evaluate("document.documentElement.scrollWidth") <= width
+            assert (browser.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(255, 255, 255)") is not dark
     length = browser.evaluate("content.length_s")
-    x, y = point(browser, 100.0, 0)
+    x, y = point(browser, 40.0, 0)
     mouse(browser, "mouseWheel", x, y, deltaX=0, deltaY=-400)
     shown(browser, f"seen.to - seen.from < {length / 2}")
-    assert browser.evaluate("t_of(x_of(100))") == pytest.approx(100)
-    assert abs(browser.evaluate(f"x_of(100) + plot.getBoundingClientRect().left - {x}")) < 1  # what is under the pointer stays there
+    assert browser.evaluate("t_of(x_of(40))") == pytest.approx(40)
+    assert abs(browser.evaluate(f"x_of(40) + plot.getBoundingClientRect().left - {x}")) < 1  # what is under the pointer stays there
     key(browser, "0")
     shown(browser, f"seen.to - seen.from === {length}")
-    dragged(browser, 1, 50.0, 90.0)
-    shown(browser, "Math.abs(seen.from - 50) < 2 && Math.abs(seen.to - 90) < 2")
+    dragged(browser, 1, 30.0, 70.0)
+    shown(browser, "Math.abs(seen.from - 30) < 2 && Math.abs(seen.to - 70) < 2")
     shown(browser, "source.fine && source.fine.from < seen.from && seen.to < source.fine.to")  # detail was fetched
     browser.evaluate("document.querySelector('[data-key=\"+\"]').click()")
     shown(browser, "seen.to - seen.from < 22")
@@ -130,36 +126,35 @@ def test_all_of_it_is_seen_and_zoom_works(browser, viewer, width, dark):
     assert [each for each in browser.complaints() if not each.startswith((f"fetched {address}", "Canvas2D: Multiple readback"))] == []
 
 
-@pytest.mark.parametrize("width", WIDTHS)
-def test_a_segment_is_left_out_refitted_without_and_taken_back(browser, viewer, width):
+def test_a_segment_is_left_out_refitted_without_and_taken_back(browser, viewer):
     before = viewer.toml.read_bytes()
-    opened(browser, viewer, width)
+    opened(browser, viewer, WIDTHS[0])
     closure = browser.evaluate("content.closure.after_deg")
-    at = browser.evaluate("(content.segments[33].from_s + content.segments[33].to_s) / 2")
+    at = browser.evaluate("(content.segments[7].from_s + content.segments[7].to_s) / 2")
     click(browser, at, "strip")
-    shown(browser, "document.querySelector('#chosen h2').textContent === 'segment 33'")
+    shown(browser, "document.querySelector('#chosen h2').textContent === 'segment 7'")
     browser.evaluate("document.getElementById('toggle').click()")
     shown(
         browser,
-        "content.segments[33].by_hand && content.stale && refit.classList.contains('wanted')".replace(
+        "content.segments[7].by_hand && content.stale && refit.classList.contains('wanted')".replace(
             "refit.", "document.getElementById('refit')."
         ),
     )
     assert len(read_config(viewer.toml).exclude) == 1
-    assert browser.evaluate("document.getElementById('changed').textContent").startswith("changed by hand: 1segment 33 left out")
+    assert browser.evaluate("document.getElementById('changed').textContent").startswith("changed by hand: 1segment 7 left out")
     browser.evaluate("document.getElementById('refit').click()")
     shown(browser, "!content.stale && content.before")
-    assert browser.evaluate("content.closure.turns") == 39
+    assert browser.evaluate("content.closure.turns") == 15
     assert browser.evaluate("content.closure.after_deg") != closure
     assert browser.evaluate("content.before.after_deg") == closure
     assert " → " in browser.evaluate("document.getElementById('answer').textContent")
-    assert browser.evaluate("content.segments[33].after_deg") is None
+    assert browser.evaluate("content.segments[7].after_deg") is None
     assert browser.evaluate(SPILLED) == []
     browser.evaluate("document.querySelector('#changed li button:last-child').click()")
-    shown(browser, "!content.segments[33].by_hand")
+    shown(browser, "!content.segments[7].by_hand")
     assert viewer.toml.read_bytes() == before
     browser.evaluate("document.getElementById('refit').click()")
-    shown(browser, "!content.stale && content.closure.turns === 40")
+    shown(browser, "!content.stale && content.closure.turns === 16")
     assert browser.evaluate("content.closure.after_deg") == closure
 
 

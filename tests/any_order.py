@@ -46,7 +46,7 @@ def pytest_collection_modifyitems(config, items):
         items[:] = [item for path in sorted(files, key=lambda path: _length(files[path]), reverse=True) for item in files[path]]
 
 
-def _length(tests: list) -> tuple[int, bool, int]:
+def _length(tests):
     """Of a file, by its number of slow test functions, however many parameters each has, whether it starts commands, and of all tests."""
     slow = {test.nodeid.split("[")[0] for test in tests if test.get_closest_marker("slow")}
     starts = any(getattr(value, "__module__", None) == "processes" for value in vars(tests[0].module).values())

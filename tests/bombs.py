@@ -10,7 +10,7 @@ import gzip
 import os
 import re
 import socket
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -28,7 +28,7 @@ class Bomb:
     place: str
     write: Callable[[Path], None]
 
-    def put(self, folder: Path) -> Path:
+    def put(self, folder):
         """Into a session folder; the file's path."""
         path = folder / self.place
         for other in (path, folder / f"{self.place}.gz", folder / self.place.removesuffix(".gz")):
@@ -40,29 +40,29 @@ class Bomb:
         return path
 
 
-def _rows(count: int, at: int = 0) -> str:
+def _rows(count, at=0):
     return "".join(ROW.format(4808 * (at + i)) for i in range(count))
 
 
-def sparse(head: str, size: int) -> Callable[[Path], None]:
+def sparse(head, size):
     """Text, and zero bytes behind it up to a size."""
 
-    def write(path: Path) -> None:
+    def write(path):
         path.write_text(head)
         os.truncate(path, size)
 
     return write
 
 
-def text(make: Callable[[], str]) -> Callable[[Path], None]:
+def text(make):
     """Text that is only made when it is written."""
     return lambda path: path.write_text(make(), encoding="utf-8") and None
 
 
-def packed(head: str, again: bytes, size: int) -> Callable[[Path], None]:
+def packed(head, again, size):
     """gzip of a head and of the same bytes again and again, up to a size: one member a thousand times."""
 
-    def write(path: Path) -> None:
+    def write(path):
         block = again * (16 * MB // len(again))
         member = gzip.compress(block, mtime=0)
         path.write_bytes(gzip.compress(head.encode(), mtime=0) + member * (size // len(block)))
@@ -70,7 +70,7 @@ def packed(head: str, again: bytes, size: int) -> Callable[[Path], None]:
     return write
 
 
-def endless(path: Path, head: str, byte: bytes, size: int) -> None:
+def endless(path, head, byte, size):
     """A head and then one byte, up to a size."""
     with path.open("wb") as file:
         file.write(head.encode())
@@ -78,12 +78,12 @@ def endless(path: Path, head: str, byte: bytes, size: int) -> None:
             file.write(byte * (16 * MB))
 
 
-def link(target: str) -> Callable[[Path], None]:
+def link(target):
     """A symbolic link."""
     return lambda path: path.symlink_to(target)
 
 
-def a_socket(path: Path) -> None:
+def a_socket(path):
     """A socket that nobody serves."""
     with socket.socket(socket.AF_UNIX) as end:
         here = os.open(path.parent, os.O_RDONLY)
@@ -91,7 +91,7 @@ def a_socket(path: Path) -> None:
         os.close(here)
 
 
-def damaged(path: Path) -> None:
+def damaged(path):
     """A good packed log whose last part is missing and that has other bytes in its middle."""
     packed(HEADER + _rows(3000), b"\n", MB)(path)
     data = bytearray(path.read_bytes())
@@ -99,7 +99,7 @@ def damaged(path: Path) -> None:
     path.write_bytes(data[:-20])
 
 
-def _everywhere(place: str) -> Iterator[Bomb]:
+def _everywhere(place):
     """What no file of any kind may be."""
     yield Bomb("link to /dev/zero", place, link("/dev/zero"))
     yield Bomb("named pipe", place, os.mkfifo)
@@ -107,7 +107,7 @@ def _everywhere(place: str) -> Iterator[Bomb]:
     yield Bomb("folder", place, Path.mkdir)
 
 
-def _deep(depth: int, opens: str, shuts: str) -> str:
+def _deep(depth, opens, shuts):
     return opens * depth + "1" + shuts * depth
 
 
@@ -178,6 +178,6 @@ READERS = {
 }  # fmt: skip
 
 
-def readers_of(bomb: Bomb) -> list[str]:
+def readers_of(bomb):
     """The commands that read it."""
     return READERS[re.match("[a-z]+", bomb.place)[0]]

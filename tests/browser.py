@@ -1,19 +1,16 @@
 """A headless Chromium, spoken to over its own pipe (Chrome DevTools Protocol): no driver, no further package."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os
 import shutil
-from pathlib import Path
 
 from processes import DEVNULL, PATIENCE_S, started
 
 __all__ = ["Browser", "browser_path"]
 
 
-def browser_path() -> str | None:
+def browser_path():
     """The first Chromium on the search path."""
     names = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "msedge", "microsoft-edge")
     return next(filter(None, map(shutil.which, names)), None)
@@ -22,7 +19,7 @@ def browser_path() -> str | None:
 class Browser:
     """One process; ``open`` shows a file in a window of a given size.  Use it as a context."""
 
-    def __init__(self, path: str, profile: Path):
+    def __init__(self, path, profile):
         import fcntl  # which not every system has
 
         command_end, self._write = os.pipe()
@@ -42,21 +39,21 @@ class Browser:
             self.__exit__()
             raise
 
-    def _begin(self) -> None:
+    def _begin(self):
         target = self._ask("Target.createTarget", {"url": "about:blank"}, None)["targetId"]
         self._session = self._ask("Target.attachToTarget", {"targetId": target, "flatten": True}, None)["sessionId"]
         for domain in ("Page", "Runtime", "Log", "Network"):
             self.ask(f"{domain}.enable")
 
-    def __enter__(self) -> Browser:
+    def __enter__(self):
         return self
 
-    def __exit__(self, *_) -> None:
+    def __exit__(self, *_):
         self._running.close()
         os.close(self._write)
         os.close(self._read)
 
-    def open(self, path: Path | str, width: int, height: int = 900, dark: bool = False, still: bool = False) -> None:
+    def open(self, path, width, height=900, dark=False, still=False):
         """Show a file, or an address; ``events`` then has all that happened since.  still: as for a person who wants no motion."""
         self._load("about:blank")  # so that what the last page still asks for is none of this one's
         self.events = []
@@ -66,31 +63,31 @@ class Browser:
         self.ask("Emulation.setEmulatedMedia", {"features": [scheme, motion]})
         self._load(path if isinstance(path, str) else path.resolve().as_uri())
 
-    def _load(self, url: str) -> None:
+    def _load(self, url):
         before = len(self.events)
         self.ask("Page.navigate", {"url": url})
         while not any(event["method"] == "Page.loadEventFired" for event in self.events[before:]):
             self._receive()
 
-    def evaluate(self, expression: str):
+    def evaluate(self, expression):
         """The value of a JavaScript expression in the page."""
         answer = self.ask("Runtime.evaluate", {"expression": expression, "returnByValue": True})
         if "exceptionDetails" in answer:
             raise AssertionError(answer["exceptionDetails"])
         return answer["result"].get("value")
 
-    def complaints(self) -> list[str]:
+    def complaints(self):
         """Script errors, refused resources, failed requests, and anything that was fetched beside the file itself."""
         said = [json.dumps(e["params"]) for e in self.events if e["method"] == "Runtime.exceptionThrown"]
         said += [e["params"]["entry"]["text"] for e in self.events if e["method"] == "Log.entryAdded"]
         urls = [e["params"]["request"]["url"] for e in self.events if e["method"] == "Network.requestWillBeSent"]
         return said + [f"fetched {url}" for url in urls[1:] if not url.startswith("data:")]
 
-    def ask(self, method: str, parameters: dict | None = None) -> dict:
+    def ask(self, method, parameters=None):
         """One command to the page, and its answer."""
         return self._ask(method, parameters or {}, self._session)
 
-    def _ask(self, method: str, parameters: dict, session: str | None) -> dict:
+    def _ask(self, method, parameters, session):
         self._number += 1
         message = {"id": self._number, "method": method, "params": parameters} | ({"sessionId": session} if session else {})
         os.write(self._write, json.dumps(message).encode() + b"\0")
@@ -101,7 +98,7 @@ class Browser:
                     raise AssertionError(f"{method}: {answer['error']}")
                 return answer["result"]
 
-    def _receive(self) -> dict:
+    def _receive(self):
         while b"\0" not in self._buffer:
             data = os.read(self._read, 1 << 20)
             if not data:

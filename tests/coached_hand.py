@@ -9,7 +9,7 @@ from conftest import DEG, GRAVITY, config
 from scipy.spatial.transform import Rotation
 
 from session.bench.guide import Guide
-from session.bench.messages import Kind, Stage
+from session.bench.messages import Stage
 from session.bench.page.state import PageView
 from session.detect.segments import cut_segments
 from session.detect.stills import find_stills
@@ -17,29 +17,29 @@ from session.log.samples import Samples
 from tinygc.planning.coach import Coach
 
 
-def guide_of(segments=40, odr_hz=208.0, **options) -> Guide:
+def guide_of(segments=40, odr_hz=208.0, **options):
     guide = Guide(config().protocol, segments, **options)
     guide.begin(config(odr_hz=odr_hz).sensor)
     return guide
 
 
-def play(guide: Guide, samples: Samples, portion: int = 50) -> list:
+def play(guide, samples, portion=50):
     changes = []
     for first in range(0, len(samples), portion):
         changes += guide.feed(samples.between(first, first + portion))
     return changes
 
 
-def said(changes, kind: Kind) -> list[str]:
+def said(changes, kind):
     return [change.text for change in changes if change.kind is kind]
 
 
-def offline(samples: Samples, odr_hz=208.0):
+def offline(samples, odr_hz=208.0):
     stills, _ = find_stills(samples)
     return cut_segments(samples, stills, config(odr_hz=odr_hz).sensor, config().protocol)
 
 
-def with_hand(samples: Samples, start_s: float, stop_s: float, dps: float = 0.4) -> Samples:
+def with_hand(samples, start_s, stop_s, dps=0.4):
     """A hand that trembles on the table."""
     gyro, inside = samples.gyro.copy(), (samples.t_s >= start_s) & (samples.t_s < stop_s)
     gyro[inside] += np.random.default_rng(1).normal(size=(inside.sum(), 3)) * dps * DEG
@@ -55,9 +55,9 @@ BIAS_DPS = np.array([0.5, -0.3, 0.6])
 class Silent:
     """A screen that shows nothing."""
 
-    def change(self, change) -> None: ...
+    def change(self, change): ...
 
-    def show(self, guide) -> None: ...
+    def show(self, guide): ...
 
 
 class Kept:
@@ -73,7 +73,7 @@ class Kept:
 class CoachedHand:
     """``until`` a moment of a session of so many turns; attitude: how the board truly lies, body to a frame with z up."""
 
-    def __init__(self, server=None, segments: int = 40, odr_hz: float = 208.0, seed: int = 0):
+    def __init__(self, server=None, segments=40, odr_hz=208.0, seed=0):
         self.server = server or Kept()
         self.page, self.coach = PageView(Silent(), self.server), Coach()
         self.guide = guide_of(segments, odr_hz)
@@ -83,7 +83,7 @@ class CoachedHand:
         self.received: list[Samples] = []
         self._moments = self._session()
 
-    def until(self, true) -> Guide:
+    def until(self, true):
         """To the first moment at which true(guide), by portions of 0.1 s."""
         for _ in self._moments:
             if true(self.guide):
@@ -98,7 +98,7 @@ class CoachedHand:
                 yield from self._move(vector, max(0.1, float(np.linalg.norm(vector)) / (60 * DEG)))
             yield from self._move(np.zeros(3), 2.5)
 
-    def _asked(self) -> list[np.ndarray]:
+    def _asked(self):
         """What the coach asks for, or any turn."""
         advice = self.guide.advice
         if advice is None or not advice.movements:
@@ -107,14 +107,14 @@ class CoachedHand:
         vectors = [movement.angle_rad * np.array(movement.axis) for movement in advice.movements]
         return vectors if advice.up is None else [self._straightening(np.array(advice.up)), *vectors]
 
-    def _straightening(self, up: np.ndarray) -> np.ndarray:
+    def _straightening(self, up):
         """The shortest way, in the body, to where ``up`` of it points up."""
         lies = self.attitude.inv().apply([0.0, 0.0, 1.0])
         axis = np.cross(up, lies)
         length = float(np.linalg.norm(axis))
         return axis / length * np.arctan2(length, up @ lies) if length > 1e-9 else np.zeros(3)
 
-    def _move(self, vector: np.ndarray, seconds: float):
+    def _move(self, vector, seconds):
         """About an axis of the body, from rest to rest."""
         began, step = self.attitude, max(1, round(0.1 * self._odr_hz))
         count = round(seconds * self._odr_hz)
@@ -136,11 +136,11 @@ class CoachedHand:
             yield
         self.attitude = began * Rotation.from_rotvec(vector)
 
-    def measured(self, rate: np.ndarray, attitudes: Rotation, t_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def measured(self, rate, attitudes, t_s):
         """What a gyroscope without noise reads (N, 3), and its temperature (N,), of rates (N, 3) rad/s against the table."""
         return (rate + BIAS_DPS * DEG) @ ERRORS.T, np.full(len(t_s), 31.4)
 
-    def _take(self, samples: Samples) -> None:
+    def _take(self, samples):
         for change in self.guide.feed(samples):
             self.page.change(change)
             if change.accepted is not None:

@@ -1,7 +1,5 @@
 """Configurations as hypothesis makes them: everything that docs/formats.md lets a session.toml say."""
 
-from __future__ import annotations
-
 from dataclasses import fields, replace
 
 import numpy as np
@@ -21,7 +19,7 @@ TEXTS = st.one_of(
 )
 
 
-def numbers(low: float, high: float, **more):
+def numbers(low, high, **more):
     return st.floats(low, high, allow_subnormal=False, **more)
 
 
@@ -52,7 +50,7 @@ SENSORS = drawn(
 )
 
 
-def _accelerometer(cells, bias, sigma_mg, own_stills) -> Accelerometer:
+def _accelerometer(cells, bias, sigma_mg, own_stills):
     return Accelerometer(np.eye(3) + np.reshape(cells, (3, 3)), np.array(bias), "given", sigma_mg, own_stills)
 
 
@@ -91,7 +89,7 @@ CONFIGS = st.builds(
 )
 
 
-def difference(one: Config, other: Config) -> list[str]:
+def difference(one, other):
     """Names of what differs, but for what no session.toml says."""
     found = [
         name for name in ("sensor", "site", "protocol", "exclude", "still", "board", "notes") if getattr(one, name) != getattr(other, name)

@@ -44,13 +44,13 @@ DEG = np.pi / 180
 GRAVITY = 9.7946
 
 
-def broad(*values, id: str | None = None):
+def broad(*values, id=None):
     """Values of a parametrised test that walk the path of its other values: run by ``.ci/run``, not with the quick tests."""
     return pytest.param(*values, id=id, marks=pytest.mark.broad)
 
 
 @pytest.fixture(scope="session")
-def shared() -> Path:
+def shared():
     """The folder of recordings that lies beside the repository."""
     folder = ROOT.parent / "shared"
     if not folder.is_dir():
@@ -69,27 +69,27 @@ class Table:
         self.rests: list[tuple[float, float]] = []
 
     @property
-    def duration_s(self) -> float:
+    def duration_s(self):
         return sum(duration for duration, _, _ in self.phases)
 
-    def rest(self, seconds: float) -> Table:
+    def rest(self, seconds):
         self.rests.append((self.duration_s, self.duration_s + seconds))
         self.phases.append((seconds, np.zeros(3), True))
         return self
 
-    def turn(self, degrees: float, axis, seconds: float = 3.0) -> Table:
+    def turn(self, degrees, axis, seconds=3.0):
         """About an axis fixed in the body, starting and ending at rest."""
         axis = np.asarray(axis, float)
         self.phases.append((seconds, degrees * DEG * axis / np.linalg.norm(axis), True))
         return self
 
-    def steady(self, dps: float, axis, seconds: float) -> Table:
+    def steady(self, dps, axis, seconds):
         """At a constant rate from the first moment to the last."""
         axis = np.asarray(axis, float)
         self.phases.append((seconds, dps * DEG * seconds * axis / np.linalg.norm(axis), False))
         return self
 
-    def tumble(self, turns: int, rest_s: float = 2.0, turn_s: float = 3.0, seed: int = 0) -> Table:
+    def tumble(self, turns, rest_s=2.0, turn_s=3.0, seed=0):
         """Rest, turn, rest, … by 90 to 200 degrees about random axes."""
         rng = np.random.default_rng(seed)
         self.rest(rest_s)
@@ -97,7 +97,7 @@ class Table:
             self.turn(rng.uniform(90, 200), rng.normal(size=3), turn_s).rest(rest_s)
         return self
 
-    def truth(self, t_s: np.ndarray) -> tuple[np.ndarray, Rotation]:
+    def truth(self, t_s):
         """Rate in body axes (N, 3) rad/s and attitude, body to north-east-down."""
         rate = np.zeros((len(t_s), 3))
         quat = np.zeros((len(t_s), 4))
@@ -114,13 +114,13 @@ class Table:
 
     def samples(
         self,
-        odr_hz: float = 208.0,
-        gyro_mdps: float = 5.0,
-        accel_ug: float = 60.0,
+        odr_hz=208.0,
+        gyro_mdps=5.0,
+        accel_ug=60.0,
         bias_dps=(0.5, -0.3, 0.6),
-        seed: int = 0,
-        registers: bool = True,
-    ) -> Samples:
+        seed=0,
+        registers=True,
+    ):
         """What an ideal sensor reads: bias, white noise (one-sided densities in mdps, ug per √Hz), registers of 500 dps, 4 g."""
         rng = np.random.default_rng(seed)
         t_ns = np.rint(np.arange(0, self.duration_s, 1 / odr_hz) * 1e6).astype(np.int64) * 1000
@@ -133,7 +133,7 @@ class Table:
         return Samples(t_ns, gyro, accel, 25 + np.rint(rng.normal(size=len(t_ns)) * 20) / 256)
 
 
-def config(odr_hz=208.0, gyro_fs_dps=500.0, accel_fs_g=4.0, still_s=1.0, segment_s=5.0, model="ASM330LHH") -> Config:
+def config(odr_hz=208.0, gyro_fs_dps=500.0, accel_fs_g=4.0, still_s=1.0, segment_s=5.0, model="ASM330LHH"):
     return Config(
         Sensor(model, "test", odr_hz, gyro_fs_dps, accel_fs_g),
         Accelerometer(),
@@ -142,7 +142,7 @@ def config(odr_hz=208.0, gyro_fs_dps=500.0, accel_fs_g=4.0, still_s=1.0, segment
     )
 
 
-def session_of(samples: Samples, raw: bool = True, **settings) -> Session:
+def session_of(samples, raw=True, **settings):
     """A session of one log, in memory."""
     return Session(Path("made"), config(**settings), (Log(Path("log0001.csv"), samples, raw=raw),), ())
 
@@ -160,7 +160,7 @@ gravity_mps2 = 9.7946
 """
 
 
-def write_session(folder: Path, samples: Samples, name: str = "log0001.csv", toml: str = SESSION_TOML) -> Path:
+def write_session(folder, samples, name="log0001.csv", toml=SESSION_TOML):
     """A session folder with the samples as registers."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "session.toml").write_text(toml)
@@ -172,7 +172,7 @@ def write_session(folder: Path, samples: Samples, name: str = "log0001.csv", tom
     return folder
 
 
-def writable_copy(source: Path, folder: Path) -> Path:
+def writable_copy(source, folder):
     """A copy of a session that may be changed, whatever the rights of its source."""
     shutil.copytree(source, folder)
     for path in (folder, *folder.rglob("*")):
@@ -191,7 +191,7 @@ def simulated(tmp_path_factory):
 
     made = {}
 
-    def make(**options) -> Path:
+    def make(**options):
         chosen = SimulationOptions(**{"segments": 10, "closure_s": 20.0, "seed": 3, "odr_hz": 104.0, **options})
         if chosen not in made:
             made[chosen] = write_simulation(chosen, tmp_path_factory.mktemp("simulated") / f"session{len(made)}")
@@ -200,7 +200,7 @@ def simulated(tmp_path_factory):
     return make
 
 
-def turned(rate_at, stop_s: float, fine_hz: float = 1664.0) -> Rotation:
+def turned(rate_at, stop_s, fine_hz=1664.0):
     """What a smooth body rate ``rate_at(t_s (N,))``, (N, 3) rad/s, turns the body by from 0 to stop_s.
 
     Fourth-order Magnus steps (Simpson's mean and the commutator of the ends) multiplied by scipy: none of the project's own code,
@@ -213,7 +213,7 @@ def turned(rate_at, stop_s: float, fine_hz: float = 1664.0) -> Rotation:
     return product(Rotation.from_rotvec(step_s / 6 * (first + 4 * middle + last) + step_s**2 / 12 * np.cross(first, last)))
 
 
-def product(turns: Rotation) -> Rotation:
+def product(turns):
     """turns[0] * turns[1] * …, by halving."""
     while len(turns) > 1:
         odd = len(turns) % 2
@@ -222,7 +222,7 @@ def product(turns: Rotation) -> Rotation:
     return turns[0]
 
 
-def wxyz(turns: Rotation) -> np.ndarray:
+def wxyz(turns):
     """scipy's quaternion, scalar first."""
     return turns.as_quat(scalar_first=True)
 
@@ -235,7 +235,7 @@ class Turns:
     it leaves rest and comes back to it; a sensor samples it, and the attitudes are the function's, not the samples'.
     """
 
-    def __init__(self, count: int = 16, seed: int = 0, odr_hz: float = 104.0, seconds: float = 4.0, axes=(1, 1, 1)):
+    def __init__(self, count=16, seed=0, odr_hz=104.0, seconds=4.0, axes=(1, 1, 1)):
         rng = np.random.default_rng(seed)
         samples = round(seconds * odr_hz)
         t_s = np.arange(samples) / odr_hz
@@ -250,16 +250,16 @@ class Turns:
             attitudes.append(attitudes[-1] * turned(lambda t, segment=segment: self.rate_at(segment, t), self.duration_s))
         self.q = wxyz(Rotation.concatenate(attitudes))
 
-    def rate_at(self, segment: int, t_s: np.ndarray) -> np.ndarray:
+    def rate_at(self, segment, t_s):
         """Rate (N, 3) rad/s of a segment at any times (N,) s since its start."""
         part = np.clip((t_s / self.duration_s - 0.1) / 0.8, 0, 1)[:, None]
         waves = 1 + 0.6 * np.sin(2 * np.pi * self.wander_hz[:, segment, None] * t_s[:, None] + self.phase[:, segment, None])
         return np.sin(np.pi * part) ** 6 * (self.speed[:, segment, None] * waves).sum(axis=0)
 
-    def __len__(self) -> int:
+    def __len__(self):
         return len(self.rate)
 
-    def batch(self, model, yaw_known: bool = False, gyro_noise=0.0, q=None):
+    def batch(self, model, yaw_known=False, gyro_noise=0.0, q=None):
         """What a gyro reads whose true calibration is ``model``, with noise (S, T, 3) added, and attitudes q (S+1, 4) as references."""
         from tinygc.closure.residual import Batch
 
@@ -269,7 +269,7 @@ class Turns:
 
 
 @pytest.fixture(scope="module", params=["made", broad("recorded")])
-def good(request) -> Session:
+def good(request):
     """A session with nothing wrong: made here, and by another bench."""
     if request.param == "made":
         return session_of(Table().tumble(16, seed=5).samples())

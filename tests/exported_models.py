@@ -1,11 +1,8 @@
 """Models of every kind that C can carry, inputs for them, and their C as a library: on the host and on the board."""
 
-from __future__ import annotations
-
 import ctypes
 import re
 import shutil
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -27,18 +24,18 @@ LINEAR = LinearModel(np.eye(3) + 0.012 * RNG.normal(size=(3, 3)), 0.01 * RNG.nor
 NET = CalibrationNet.from_vector(CalibrationNet.identity().vector + 0.01 * RNG.normal(size=27))
 
 
-def denoiser() -> Denoiser:
+def denoiser():
     """One that smooths."""
     return Denoiser.from_vector(np.abs(RNG.normal(size=(3, 56)))).normalised()
 
 
-def claim(effect: str) -> AppliedEffect:
+def claim(effect):
     """An effect of a size that a sensor may have."""
     parameter = catalogue()[effect].parameter
     return AppliedEffect(catalogue()[effect], 0.1 * parameter.plausible * RNG.normal(size=parameter.size))
 
 
-def physics(*effects: str) -> PhysicsModel:
+def physics(*effects):
     return PhysicsModel(LINEAR, tuple(map(claim, effects)), KNOWN)
 
 
@@ -54,14 +51,14 @@ MODELS = {
 }
 
 
-def random_inputs(count: int = 10_000, top: float = 500 * DEG, seed: int = 0) -> np.ndarray:
+def random_inputs(count=10_000, top=500 * DEG, seed=0):
     """(N, 7) float32: rates over the full scale, gravity and a hand's jerks, 10 to 40 degC."""
     rng = np.random.default_rng(seed)
     force = 9.8 * rng.normal(size=(count, 3))
     return np.column_stack([rng.uniform(-top, top, (count, 3)), force, rng.uniform(10, 40, count)]).astype(np.float32)
 
 
-def as_inputs(table: np.ndarray) -> SimpleNamespace:
+def as_inputs(table):
     """What a program takes."""
     return SimpleNamespace(rate=table[:, :3], force=table[:, 3:6], temp_c=table[:, 6])
 
@@ -72,7 +69,7 @@ def as_inputs(table: np.ndarray) -> SimpleNamespace:
 needs_compiler = pytest.mark.skipif(shutil.which("gcc") is None, reason="not installed: gcc")
 
 
-def built(folder: Path, files: dict[str, str], *flags: str) -> ctypes.CDLL:
+def built(folder, files, *flags):
     """All sources as one shared library, by the flags that their headers name; no compiler says a word."""
     (words,) = {line.split(maxsplit=2)[2] for text in files.values() for line in text.splitlines() if line.startswith(" * build ")}
     folder.mkdir(exist_ok=True)
@@ -84,22 +81,22 @@ def built(folder: Path, files: dict[str, str], *flags: str) -> ctypes.CDLL:
     return ctypes.CDLL(str(folder / "all.so"))
 
 
-def state_bytes(files: dict[str, str]) -> int:
+def state_bytes(files):
     return int(re.search(r"sizeof\(tinygc_state\) == (\d+) ", files["tinygc_model.c"])[1])
 
 
-def pointer(array: np.ndarray) -> ctypes.c_void_p:
+def pointer(array):
     return ctypes.c_void_p(array.ctypes.data)
 
 
 class Compiled:
     """A model's functions, called sample by sample."""
 
-    def __init__(self, folder: Path, files: dict[str, str]):
+    def __init__(self, folder, files):
         self.library, self.state_bytes = built(folder, files), state_bytes(files)
 
     @classmethod
-    def of(cls, library: object, size: int) -> Compiled:
+    def of(cls, library, size):
         made = cls.__new__(cls)
         made.library, made.state_bytes = library, size
         return made
@@ -109,12 +106,12 @@ class Compiled:
         self.library.tinygc_start(state)
         return state
 
-    def run(self, table: np.ndarray, state=None) -> np.ndarray:
+    def run(self, table, state=None):
         table, rates, state = np.ascontiguousarray(table), np.zeros((len(table), 3), np.float32), state or self.state()
         for row, rate in zip(table, rates, strict=True):
             self.library.tinygc_step(state, pointer(row), pointer(rate))
         return rates
 
-    def self_test(self) -> tuple[int, float]:
+    def self_test(self):
         worst = ctypes.c_float(-1)
         return self.library.tinygc_self_test(ctypes.byref(worst)), worst.value

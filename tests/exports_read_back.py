@@ -47,7 +47,7 @@ MODELS = {
 }
 
 
-def context(said=None, accelerometer: Accelerometer | None = None, **changes):
+def context(said=None, accelerometer=None, **changes):
     """accelerometer: of the fit; session.toml gives none."""
     noise = {"gyro_dps_rthz": [5e-3, 6e-3, 4e-3], "accel_g_rthz": [6e-5] * 3}
     made = Context("s", "m", config(), {"covariance": np.eye(12).tolist()}, {"noise": noise}, {})
@@ -70,13 +70,13 @@ def agree(there, model):
     assert np.abs(there - expected).max() <= 1e-6 * np.abs(expected).max()
 
 
-def autopilot_parameters(text: str) -> dict[str, float]:
+def autopilot_parameters(text):
     """Of PX4's or ArduPilot's file, in single precision."""
     rows = [line.split("\t")[2:4] if "\t" in line else line.split(",") for line in text.splitlines() if not line.startswith("#")]
     return {key: float(np.float32(value)) for key, value in rows}
 
 
-def autopilot_zero(name: str, p: dict[str, float], celsius, gyro: bool = True) -> np.ndarray:
+def autopilot_zero(name, p, celsius, gyro=True):
     """What the program takes off at each temperature (N, 3): PX4 about TREF, ArduPilot about 35 degC, added again at CALTEMP."""
     if name == "px4":
         kind, own = "G" if gyro else "A", [p.get(f"CAL_GYRO0_{axis}OFF", 0.0) * gyro for axis in "XYZ"]

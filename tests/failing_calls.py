@@ -40,11 +40,11 @@ class Killed(BaseException):
 class Calls:
     """A context in which the n-th call fails; without n, they are counted."""
 
-    def __init__(self, number: int | None = None, fault: str = "EIO"):
+    def __init__(self, number=None, fault="EIO"):
         self.number, self.fault, self.count, self.dead = number, fault, 0, False
         self.names: list[str] = []
 
-    def __enter__(self) -> Calls:
+    def __enter__(self):
         gc.disable()  # what other tests have left would be closed here, and counted
         gc.freeze()
         self._before = {name: getattr(os, name) for name in CALLS} | {"": (builtins.open, io.open)}
@@ -56,7 +56,7 @@ class Calls:
         sys.unraisablehook = lambda what: None if self.dead else told(what)
         return self
 
-    def __exit__(self, *error: object) -> None:
+    def __exit__(self, *error):
         if self.dead:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
@@ -68,7 +68,7 @@ class Calls:
             setattr(os, name, call)
         gc.enable()
 
-    def _counted(self, name: str, call: Callable) -> Callable:
+    def _counted(self, name, call):
         def counted(*args, **options):
             if self.dead:
                 raise Killed
@@ -97,7 +97,7 @@ class Writer:
     grows: bool = False
 
 
-def contents(folder: Path) -> dict[str, bytes]:
+def contents(folder):
     """What each file holds, unpacked; folders as empty.  What the next run takes away is left out."""
     found = {}
     for path in sorted(folder.rglob("*")):
@@ -111,11 +111,11 @@ def contents(folder: Path) -> dict[str, bytes]:
     return found
 
 
-def tried(writer: Writer, place: Path, fault: str, every: Callable[[int], bool] = lambda number: True) -> tuple[int, list[str]]:
+def tried(writer, place, fault, every=lambda number: True):
     """How many calls were made to fail, and what was wrong then."""
     place.mkdir()
 
-    def fresh(name: str) -> Path:
+    def fresh(name):
         folder = place / name
         folder.mkdir()
         writer.before(folder)
@@ -147,7 +147,7 @@ def tried(writer: Writer, place: Path, fault: str, every: Callable[[int], bool] 
     return count, wrong
 
 
-def _wrong(writer: Writer, there: dict[str, bytes], before: dict[str, bytes], after: dict[str, bytes], said: str) -> list[str]:
+def _wrong(writer, there, before, after, said):
     wrong = ["more than a line"] if "\n" in said else []
     if not said and there != after:
         wrong.append("no error, and not what was to be written")
@@ -181,12 +181,12 @@ def _wrong(writer: Writer, there: dict[str, bytes], before: dict[str, bytes], af
     return wrong
 
 
-def _lacks(there: dict[str, bytes], after: dict[str, bytes], folder: Path) -> bool:
+def _lacks(there, after, folder):
     """Whether a session's folder lacks what was to be written there; of an array each unit is a session."""
     return any(there.get(name) != data for name, data in after.items() if Path(name).is_relative_to(folder))
 
 
-def hold_whole(writer: Writer, name: str, tmp_path: Path) -> None:
+def hold_whole(writer, name, tmp_path):
     """Whichever call fails, what stands there is whole, the old or the new; and nothing goes through a link."""
     for fault in ("ENOSPC", KILLED):
         (tmp_path / fault).mkdir()

@@ -2,10 +2,9 @@
 
 import importlib
 from pathlib import Path
-from types import ModuleType
 
 
-def feature(module: str) -> ModuleType | None:
+def feature(module):
     """A module of a feature; None where the feature is not there."""
     try:
         return importlib.import_module(module)
@@ -15,7 +14,7 @@ def feature(module: str) -> ModuleType | None:
         return None
 
 
-def all_features() -> bool:
+def all_features():
     """Whether every feature is there that has pages."""
     pages = (Path(__file__).resolve().parent.parent / "docs").glob("features/*")
     return all(feature(f"tinygc.features.{folder.name}") for folder in pages)

@@ -22,7 +22,7 @@ SCHEMA = re.compile(r"tinygc-[a-z]+(?:-[a-z]+)*/\d+")
 CODE = re.compile(r"`([^`]+)`")
 
 
-def section(heading: str) -> str:
+def section(heading):
     """What stands below a heading, up to the next one."""
     found = re.search(rf"^#+ {re.escape(heading)}$\n(.*?)(?=^#|\Z)", PAGE, re.M | re.S)
     if found is None:
@@ -30,7 +30,7 @@ def section(heading: str) -> str:
     return found.group(1)
 
 
-def rows(heading: str) -> list[list[str]]:
+def rows(heading):
     """Cells of the table in a section, without its head, or of its list: key and meaning."""
     lines = [line for line in section(heading).splitlines() if line.startswith(("|", "- `"))]
     if lines[0].startswith("- "):
@@ -48,7 +48,7 @@ def maker():
 
 
 @cache
-def keys_on_page(schema: str) -> list[tuple[str, ...]]:
+def keys_on_page(schema):
     if typed := maker().typed_keys().get(schema):
         return list(typed)
     return [tuple(path.split(".")) for row in rows(f"`{schema}`") for word in CODE.findall(row[0]) for path in maker().expanded(word)]
@@ -78,11 +78,11 @@ STANDS_FOR = {
 }
 
 
-def fits(word: str, pattern: str) -> bool:
+def fits(word, pattern):
     return bool(STANDS_FOR[pattern](word)) if pattern in STANDS_FOR else word == pattern
 
 
-def leaves(value, path: tuple[str, ...] = ()):
+def leaves(value, path=()):
     """(path, value) of everything in a table that is no table itself, and of every table within it that has a schema of its own."""
     if isinstance(value, dict) and value and not (path and "schema" in value):
         for key, inner in value.items():
@@ -95,20 +95,20 @@ def leaves(value, path: tuple[str, ...] = ()):
 
 
 @cache
-def validators() -> dict[str, Draft202012Validator]:
+def validators():
     """Format -> what holds a table against its schema."""
     schemas = maker().schemas()
     registry = Registry().with_resources((name, Resource.from_contents(schema)) for name, schema in schemas.items())
     return {schema["title"]: Draft202012Validator(schema, registry=registry) for schema in schemas.values()}
 
 
-def strangers(table: dict) -> list[str]:
+def strangers(table):
     """What of a table the pages or its schema do not know."""
     wrong = best_match(validators()[table["schema"]].iter_errors(table))
     return unknown_keys(table) + ([] if wrong is None else [f"{wrong.json_path}: {wrong.message[:300]}"])
 
 
-def unknown_keys(table: dict) -> list[str]:
+def unknown_keys(table):
     """Keys of a table that its section of the page does not have."""
     known, missing = keys_on_page(table["schema"]), []
     for path, value in leaves(table):
@@ -121,7 +121,7 @@ def unknown_keys(table: dict) -> list[str]:
     return missing + [f"{effect['id']}: {name}" for effect, name in _parameters(table) if name not in EFFECTS.get(effect["id"], {name})]
 
 
-def _matches(path, pattern, whole: bool) -> bool:
+def _matches(path, pattern, whole):
     if len(path) > len(pattern) or (whole and len(path) < len(pattern)):
         return False
     pattern = pattern[: len(path)]
@@ -129,7 +129,7 @@ def _matches(path, pattern, whole: bool) -> bool:
     return all(map(fits, path, (*pattern[:-1], last)))
 
 
-def _parameters(table: dict):
+def _parameters(table):
     """(effect, name) of each parameter of a claimed effect."""
     for group in ("effects", "findings", "refused"):
         for effect in table.get(group, ()):
@@ -137,7 +137,7 @@ def _parameters(table: dict):
                 yield from ((effect, name) for name in {**effect["parameters"], **effect["std"]} if not effect["id"].startswith("unknown."))
 
 
-def told(out: Path, *words) -> dict:
+def told(out, *words):
     """The JSON of a command, which has the keys of its page."""
     assert calibrate.main([*map(str, words), "--quiet", "--json", str(out)]) == 0
     table = json.loads(out.read_text(encoding="utf-8"))

@@ -99,7 +99,7 @@ class Place:
     kept: Callable[[str, str], bool] = lambda text, written: True
 
 
-def injected(place: Place, text: str) -> int:
+def injected(place, text):
     """Lines, keys, statements or elements that a harmless text does not make; UNREADABLE where it cannot be read, or not the same."""
     try:
         written = place.write(text)
@@ -113,7 +113,7 @@ def injected(place: Place, text: str) -> int:
 
 
 @cache
-def harmless(place: Place) -> list[str]:
+def harmless(place):
     """What is made of a text that wants nothing."""
     return place.read(place.write(HARMLESS))
 
@@ -121,12 +121,12 @@ def harmless(place: Place) -> list[str]:
 # Readers
 
 
-def lines_but_comments(text: str) -> list[str]:
+def lines_but_comments(text):
     """As a reader of lines that knows every line end there is; a mark of a comment counts only at the beginning of a line."""
     return [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]
 
 
-def ardupilot(text: str) -> list[str]:
+def ardupilot(text):
     """As ArduPilot reads a file of its own: ``fgets`` of 98 bytes, and a line that begins with # is left out."""
     found = []
     for line in re.split(rb"(?<=\n)", text.encode()):
@@ -134,12 +134,12 @@ def ardupilot(text: str) -> list[str]:
     return [part.decode(errors="replace") for part in found] + lines_but_comments(text)
 
 
-def yaml_table(text: str) -> list[str]:
+def yaml_table(text):
     """By PyYAML, and by lines."""
     return [json.dumps(yaml.safe_load(text)), *(line.split("  #")[0] for line in lines_but_comments(text))]
 
 
-def c_statements(text: str) -> list[str]:
+def c_statements(text):
     """As a compiler's first phases leave it: trigraphs, joined lines, then comments as a blank."""
     text = text.replace("??/", "\\")
     text = re.sub(r"\\[ \t\v\f]*\r?\n", "", text)
@@ -147,34 +147,34 @@ def c_statements(text: str) -> list[str]:
     return [line.strip() for line in text.splitlines() if line.strip()]
 
 
-def python_code(text: str) -> list[str]:
+def python_code(text):
     """By Python's own parser, and by lines."""
     return [ast.dump(ast.parse(text)), *lines_but_comments(text)]
 
 
-def terminal(text: str) -> list[str]:
+def terminal(text):
     """Lines, and control characters that reach the terminal, each as one more."""
     return ["line" for _ in text.splitlines()] + ["control" for c in text if c != "\n" and not c.isprintable()]
 
 
 class _Elements(HTMLParser):
-    def __init__(self) -> None:
+    def __init__(self):
         super().__init__()
         self.found: list[str] = []
 
-    def handle_starttag(self, tag: str, attributes: list) -> None:
+    def handle_starttag(self, tag, attributes):
         self.found.append(f"{tag} {sorted(name for name, _ in attributes)}")
 
-    def handle_comment(self, data: str) -> None:
+    def handle_comment(self, data):
         self.found.append("comment")
 
-    def handle_decl(self, declaration: str) -> None:
+    def handle_decl(self, declaration):
         self.found.append("declaration")
 
     unknown_decl = handle_pi = handle_decl
 
 
-def elements(html: str) -> list[str]:
+def elements(html):
     """Elements with the names of their attributes, comments and declarations."""
     parser = _Elements()
     parser.feed(html)
@@ -188,14 +188,14 @@ LINEAR = LinearModel(np.eye(3) + 0.01 * np.arange(9).reshape(3, 3), np.array([0.
 NOISE = {"gyro_dps_rthz": [5e-3, 6e-3, 4e-3], "accel_g_rthz": [6e-5] * 3, "gyro_bias_instability_dph": 3.0}
 
 
-def config(text: str) -> Config:
+def config(text):
     """A configuration whose texts are all this one."""
     sensor = Sensor(text, text, 208.0, 500.0, 4.0)
     notes = {text: text, f"{text}2": text}
     return Config(sensor, Accelerometer(), Site(31.03, 9.8), Protocol(), notes=notes, exclude=(LeftOut(text, 3.0),))
 
 
-def context(text: str) -> Context:
+def context(text):
     """What an exporter is told, with this text wherever a person, a file or a board may put one."""
     table = {"session": text, "method": text, "covariance": np.eye(12).tolist()}
     fit = {"noise": NOISE | {"gyro_bias_instability_source": text}, "accelerometer": {"unobserved": [text]}}
@@ -218,10 +218,10 @@ def context(text: str) -> Context:
     return Context(text, text, known, table, fit, {text: "0" * 64, f"{text}.csv": "1" * 64}, noise=noise)
 
 
-def file_of(format_name: str, ending: str = "") -> Callable[[str], str]:
+def file_of(format_name, ending=""):
     """The exported file with that ending."""
 
-    def write(text: str) -> str:
+    def write(text):
         files = exporter(format_name).export(LINEAR, context(text))
         assert all(re.fullmatch(r"[A-Za-z0-9_.-]{1,120}", name) for name in files), files
         return next(content for name, content in files.items() if name.endswith(ending))
@@ -229,7 +229,7 @@ def file_of(format_name: str, ending: str = "") -> Callable[[str], str]:
     return write
 
 
-def printed(text: str) -> str:
+def printed(text):
     """All that a page for people may hold: strings, cells, titles, errors, findings."""
     console = PlainConsole(file=StringIO(), width=20_000, force_terminal=False)
     cells = Table(title=f"of {text}", caption=f"of {text}")
@@ -241,32 +241,32 @@ def printed(text: str) -> str:
     return console.file.getvalue()  # type: ignore[attr-defined]
 
 
-def fragment(text: str) -> str:
+def fragment(text):
     """The pieces that the report is made of."""
     cell = escape(text)
     return f'<title>{cell}</title><p title="{cell}">{cell}</p>' + table((cell, cell), [(cell, cell)]) + code(f"a\n{text}")
 
 
-def toml_values(text: str, written: str) -> bool:
+def toml_values(text, written):
     """Whether every value came back as it was, but for bytes that no TOML can hold."""
     found, plain = tomllib.loads(written), unicode_text(text)
     values = [found["sensor"]["model"], found["sensor"]["serial"], found["notes"][plain], found["exclude"][0]["log"]]
     return values == [plain] * 4
 
 
-def toml_lines(written: str) -> list[str]:
+def toml_lines(written):
     """Names of its tables, how many entries each has, and its lines."""
     return [*(f"{name} {len(entry)}" for name, entry in tomllib.loads(written).items()), *("line" for _ in written.splitlines())]
 
 
-def certified(text: str) -> str:
+def certified(text):
     """The text as a name in a Digital Calibration Certificate."""
     root = ElementTree.Element("item", {"schemaVersion": "3.3.0"})
     dcc_file.named(root, "name", text)
     return ElementTree.tostring(root, encoding="unicode")
 
 
-def xml_elements(written: str) -> list[str]:
+def xml_elements(written):
     """Elements and attributes; ParseError, which counts as unreadable, for what is not well formed."""
     return [part for each in ElementTree.fromstring(written).iter() for part in (each.tag, *each.attrib)]
 

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.interpolate import BSpline
 
 from session.base.units import DEG, G
-from tinygc.effects import Effect, Movement
+from tinygc.effects import Movement
 
 #: a strong one of each, as docs/formats.md would have it; and how much of what it does may be left when it is undone
 STRONG = {
@@ -29,7 +29,7 @@ RATE = sorted(STRONG)
 FS = 500 * DEG
 
 
-def smooth(t_s: np.ndarray) -> np.ndarray:
+def smooth(t_s):
     """Rates (N, 3) rad/s of a hand: at rest, six seconds of movement up to some 200 dps and 2 Hz, at rest again.
 
     Any t_s.  The window is a B-spline of degree 7, six times differentiable.
@@ -39,14 +39,14 @@ def smooth(t_s: np.ndarray) -> np.ndarray:
     return 500 * DEG * np.nan_to_num(window(t_s))[:, None] * waves
 
 
-def movement(odr_hz: float = 104.0, stop_s: float = 10.0) -> Movement:
+def movement(odr_hz=104.0, stop_s=10.0):
     t_s = np.arange(0, stop_s, 1 / odr_hz)
     turn = np.stack([np.sin(0.7 * t_s), np.cos(0.7 * t_s) * np.sin(0.4 * t_s), -np.cos(0.7 * t_s) * np.cos(0.4 * t_s)], axis=-1)
     vibration = 0.2 * np.exp(-((t_s - 5) ** 2))
     return Movement(t_s, 1 / odr_hz, smooth(t_s), turn, 25 + 0.8 * t_s, vibration, stop_s, FS, 25.0)
 
 
-def measured_force(effect: Effect, moved: Movement, theta: np.ndarray) -> np.ndarray:
+def measured_force(effect, moved, theta):
     """(N, 3) g that an accelerometer with the effect measures; ``bends`` is of what it measures."""
     measured = moved.force_g
     for _ in range(30):
@@ -54,5 +54,5 @@ def measured_force(effect: Effect, moved: Movement, theta: np.ndarray) -> np.nda
     return measured
 
 
-def theta_of(effect: Effect, value=None) -> np.ndarray:
+def theta_of(effect, value=None):
     return np.ravel(STRONG[effect.id][0] if value is None else value) * effect.parameter.si

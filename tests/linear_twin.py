@@ -21,7 +21,7 @@ from tinygc.noise.whitening import PRECALIBRATION_MPS2
 PRIORS = np.r_[PRIOR_SIGMA, 1.0, 1.0, 20 * MG]
 
 
-def effect(name: str, size: int = 1, plausible: float = 100.0, equation: str = "", **more) -> Effect:
+def effect(name, size=1, plausible=100.0, equation="", **more):
     """An effect of ``size`` numbers, whose columns the twin has under its id and shape."""
     parameter = Parameter("value", (size,), "unit", 0.5, plausible)
     return Effect(
@@ -29,7 +29,7 @@ def effect(name: str, size: int = 1, plausible: float = 100.0, equation: str = "
     )
 
 
-def stepped(name: str, values: np.ndarray, size: int = 1) -> Effect:
+def stepped(name, values, size=1):
     """An effect with a scanned shape ``at_s`` in milliseconds."""
     scan = Scan("at_s", "ms", make=lambda value: effect(name, size, equation=f"{name} at {value:.9f}"), si=1e-3, grid=lambda moves: values)
     return effect(name, size, scan=scan)
@@ -44,7 +44,7 @@ class LinearTwin:
 
     clock, errors, slow = None, (), ()
 
-    def __init__(self, columns=lambda effect: None, turns: int = 8, resting: bool = True, seed: int = 0, wide: bool = False):
+    def __init__(self, columns=lambda effect: None, turns=8, resting=True, seed=0, wide=False):
         rng = np.random.default_rng(seed)
         s, q = turns, (turns + 1) * resting
         self.sizes, self.columns_of = (2 * s, 3 * q, q), columns
@@ -68,51 +68,51 @@ class LinearTwin:
         #: (n,) residuals without any effect and with the first calibration
         self.recorded = rng.normal(size=self.n) * np.repeat([1.0, 0.5, 0.2], self.sizes)
 
-    def spoil(self, effect: Effect, theta) -> None:
+    def spoil(self, effect, theta):
         """Add what an effect would do: a fit with it finds theta."""
         self.recorded = self.recorded - self.columns_of(effect) @ np.atleast_1d(theta)
 
-    def noise(self, white) -> SessionNoise:
+    def noise(self, white):
         """Two components, which a search begins with at zero."""
         V = [Sparse.of_diagonal(np.repeat(rows, self.sizes)) for rows in ([1.0, 0.0, 0.0], [0.0, 1.0, 0.0])]
         components = tuple(Component(name, each, 1.0, "", 1.0, name) for name, each in zip((TURN, STILL_RATE), V, strict=True))
         return SessionNoise(components, [np.arange(self.n)], SimpleNamespace(rms_rad=0.0), np.zeros(2), np.zeros(2))
 
-    def evidence(self) -> Evidence:
+    def evidence(self):
         with patch.object(evidence, "first_noise", lambda twin, white: twin.noise(white)):
             return Evidence(self)
 
     # What a fit asks of a twin.
 
-    def start(self) -> State:
+    def start(self):
         return State(LinearModel(np.eye(3), np.zeros(3)), np.zeros(2), 9.8, np.eye(3)[:2])
 
-    def rates(self, state: State) -> State:
+    def rates(self, state):
         return state
 
-    def residuals(self, state: State, rates=None) -> Channels:
+    def residuals(self, state, rates=None):
         moved = self.recorded + self.calibration @ (state.vector[:15] - self.start().vector)
         return self._channels(sum((self.columns_of(claim.effect) @ claim.theta for claim in state.claims), moved))
 
-    def sensitivity(self, state, rates) -> None:
+    def sensitivity(self, state, rates):
         return None
 
-    def linear_columns(self, sensitivity) -> Channels:
+    def linear_columns(self, sensitivity):
         return self._channels(self.calibration[:, :12])
 
-    def earth_columns(self) -> Channels:
+    def earth_columns(self):
         return self._channels(np.zeros((self.n, 3)))
 
-    def gravity_columns(self) -> Channels:
+    def gravity_columns(self):
         return self._channels(self.calibration[:, 14:])
 
-    def effect_columns(self, effect, state, sensitivity, rates) -> Channels:
+    def effect_columns(self, effect, state, sensitivity, rates):
         return self._channels(self.columns_of(effect))
 
-    def precalibration_columns(self, start, rates) -> Channels:
+    def precalibration_columns(self, start, rates):
         return self._channels(self._allowed / PRECALIBRATION_MPS2)
 
-    def _channels(self, stacked: np.ndarray) -> Channels:
+    def _channels(self, stacked):
         closure, still, length = np.split(stacked, np.cumsum(self.sizes)[:2])
         return Channels(closure.reshape(-1, 2, *stacked.shape[1:]), still.reshape(-1, 3, *stacked.shape[1:]), length)
 
@@ -121,7 +121,7 @@ def fixed_columns():
     """Columns (n, P) drawn once for each effect of a twin by its id and equation, so that different effects are hardly alike."""
     made: dict = {}
 
-    def columns(effect: Effect) -> np.ndarray:
+    def columns(effect):
         twin_rows = columns.rows
         key = effect.id, effect.equation
         if key not in made:
@@ -132,7 +132,7 @@ def fixed_columns():
     return columns
 
 
-def linear_twin(seed: int = 0, columns=None, **options) -> LinearTwin:
+def linear_twin(seed=0, columns=None, **options):
     """A twin with ``fixed_columns``."""
     columns = columns or fixed_columns()
     twin = LinearTwin(columns, seed=seed, **options)
@@ -140,7 +140,7 @@ def linear_twin(seed: int = 0, columns=None, **options) -> LinearTwin:
     return twin
 
 
-def minus_twice_log(twin: LinearTwin, s: np.ndarray, effects=(), sigmas=()) -> float:
+def minus_twice_log(twin, s, effects=(), sigmas=()):
     """-2 log of the density of the recording, all parameters integrated out (normal), with the components' sizes s (2,) and prior sigmas
     of the effects."""
     variance = np.repeat([1.0, 0.25, 0.2**2 + (0.03e-3 * 9.80665) ** 2], twin.sizes)

@@ -2,15 +2,13 @@
 
 from dataclasses import replace
 
-from session.detect.findings import Finding
 from session.detect.first_look import first_look
 from session.detect.stills import find_stills
-from tinygc import Session
 
 G = 9.80665
 
 
-def look(session: Session, **changes) -> list[Finding]:
+def look(session, **changes):
     """First look at the session's log with some of its samples' fields, or the whole log, changed."""
     log = changes.pop("log", session.logs[0])
     log = replace(log, samples=replace(log.samples, **changes))
@@ -19,14 +17,14 @@ def look(session: Session, **changes) -> list[Finding]:
     return first_look(session, log, stills, noise)
 
 
-def of(findings: list[Finding], what: str) -> Finding:
+def of(findings, what):
     (finding,) = [finding for finding in findings if finding.what == what]
     return finding
 
 
-def serious(findings: list[Finding]) -> set[tuple[str, str]]:
+def serious(findings):
     return {(finding.what, finding.level) for finding in findings if finding.level in ("warning", "error")}
 
 
-def with_sensor(session: Session, **changes) -> Session:
+def with_sensor(session, **changes):
     return replace(session, config=replace(session.config, sensor=replace(session.config.sensor, **changes)))

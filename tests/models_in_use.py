@@ -17,7 +17,7 @@ NET = CalibrationNet.from_vector(CalibrationNet.from_linear(LINEAR).vector + 0.0
 KNOWN = Conditions(duration_s=SAMPLES.duration_s + 20, fs_rps=500 * DEG, first_temp_c=25.0)
 
 
-def smoothing() -> Denoiser:
+def smoothing():
     return Denoiser.from_vector(Denoiser.identity().vector + 0.05 * RNG.normal(size=(3, 56))).normalised()
 
 

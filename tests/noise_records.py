@@ -1,9 +1,5 @@
 """Noise figures that are made by hand, for tests of what reads them."""
 
-from __future__ import annotations
-
-from collections.abc import Mapping
-
 import numpy as np
 
 from tinygc.noise.figures import TERMS, AxisNoise, Inflation, NoiseFigures, SensorNoise, Term
@@ -11,7 +7,7 @@ from tinygc.noise.figures import TERMS, AxisNoise, Inflation, NoiseFigures, Sens
 SIGMA = 0.05  #: relative, of each term that is chosen
 
 
-def axis_of(limits: Mapping[str, float] | None = None, tau_s: float | None = None, **terms: tuple[float, float]) -> AxisNoise:
+def axis_of(limits=None, tau_s=None, **terms):
     """Terms by name, each with its value and sigma, SI; limits of terms that are not shown; tau_s of G."""
     found = {}
     for name in TERMS:
@@ -22,12 +18,12 @@ def axis_of(limits: Mapping[str, float] | None = None, tau_s: float | None = Non
     return AxisNoise(found)
 
 
-def axis(limits=(), tau_s=None, **sizes) -> AxisNoise:
+def axis(limits=(), tau_s=None, **sizes):
     """``axis(N=1e-4, K=2e-6)``; limits: of terms that are not chosen, by name; ``tau_s``: of G."""
     return axis_of(dict(limits), tau_s, **{name: (value, SIGMA * value) for name, value in sizes.items()})
 
 
-def sensor(*axes: AxisNoise) -> SensorNoise:
+def sensor(*axes):
     """Of one axis three times, or of three."""
     x, y, z = axes * (3 // len(axes))
     return SensorNoise((x, y, z))
@@ -39,15 +35,13 @@ ACCEL = sensor(axis(N=5e-3, K=2e-4), axis(N=4e-3, K=1e-4), axis(N=3e-3, K=1e-4))
 WALKING = Inflation("walking", np.array([2.0, 3.0, 4.0]), np.array([5.0, 6.0, 7.0]), source="two walks")
 
 
-def figures(gyro=GYRO, accel=ACCEL, **changes) -> NoiseFigures:
+def figures(gyro=GYRO, accel=ACCEL, **changes):
     """Of ten hours at 208 Hz."""
     known = {"rate_hz": 208.0, "duration_s": 36_000.0, "samples": 7_488_000} | changes
     return NoiseFigures(gyro=gyro, accel=accel, **known)
 
 
-def figures_of(
-    gyro: SensorNoise, accel: SensorNoise | None = None, serial: str = "", logs: tuple[str, ...] = ("rest0001.csv",)
-) -> NoiseFigures:
+def figures_of(gyro, accel=None, serial="", logs=("rest0001.csv",)):
     """Figures of a rest of ten hours at 104 Hz."""
     known = {"rate_hz": 104.0, "duration_s": 36_000.0, "samples": 3_744_000, "sensor": "ASM330LHH"}
     return NoiseFigures(gyro=gyro, accel=accel, logs=logs, serial=serial, **known)

@@ -15,9 +15,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import IO, Any
 
 ROOT = Path(__file__).resolve().parent.parent
 CALIBRATE = (sys.executable, str(ROOT / "calibrate.py"))
@@ -34,22 +32,22 @@ HEADER = "t_us,gx,gy,gz,ax,ay,az,temp"
 class WithoutTorch:
     """A finder, before all others of ``sys.meta_path``, that knows of no PyTorch, as where it was never installed."""
 
-    def find_spec(self, name: str, path: object = None, target: object = None) -> None:
+    def find_spec(self, name, path=None, target=None):
         if name.split(".")[0] == "torch":
             raise ModuleNotFoundError(f"No module named {name!r}", name=name)
 
 
-def environment(**more: str) -> dict[str, str]:
+def environment(**more):
     """The present one, so that a command of this checkout is run wherever it is started, and leaves a core to the others."""
     return os.environ | {"OMP_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)} | more
 
 
-def wait() -> None:
+def wait():
     """The shortest of waits, for what is asked many times."""
     time.sleep(0.0005)
 
 
-def until(condition: Callable[[], Any], poll: Callable[[], Any] = lambda: time.sleep(0.005), what: str = "what must happen") -> Any:
+def until(condition, poll=lambda: time.sleep(0.005), what="what must happen"):
     """Wait until it holds; what it then gives."""
     deadline = time.monotonic() + PATIENCE_S
     while not (found := condition()):
@@ -59,7 +57,7 @@ def until(condition: Callable[[], Any], poll: Callable[[], Any] = lambda: time.s
 
 
 @contextlib.contextmanager
-def started(command: Sequence, limit_s: float = PATIENCE_S, **how: Any) -> Iterator[Popen]:
+def started(command, limit_s=PATIENCE_S, **how):
     """``subprocess.Popen`` in a group and session of its own; ended, by force if need be, when the context is left.
 
     Its standard input is empty, unless given.  After limit_s it is killed: whoever reads what it says then comes to an end.
@@ -79,7 +77,7 @@ def started(command: Sequence, limit_s: float = PATIENCE_S, **how: Any) -> Itera
         _WATCH.no_more(process.pid)
 
 
-def run(command: Sequence, *, input: Any = None, capture_output: bool = False, check: bool = False, **how: Any) -> CompletedProcess:
+def run(command, *, input=None, capture_output=False, check=False, **how):
     """``subprocess.run``, within PATIENCE_S."""
     how |= {"stdout": PIPE, "stderr": PIPE} if capture_output else {}
     how |= {"stdin": PIPE} if input is not None else {}
@@ -92,17 +90,17 @@ def run(command: Sequence, *, input: Any = None, capture_output: bool = False, c
     return done
 
 
-def check_output(command: Sequence, **how: Any) -> Any:
+def check_output(command, **how):
     """``subprocess.check_output``."""
     return run(command, stdout=PIPE, check=True, **how).stdout
 
 
-def calibrate(*words: Any, **how: Any) -> CompletedProcess:
+def calibrate(*words, **how):
     """``calibrate.py`` with these words, to its end: texts in stdout and stderr."""
     return run([*CALIBRATE, *words], capture_output=True, text=True, **how)
 
 
-def heard(stream: IO[str], said: Callable[[str], bool]) -> list[str]:
+def heard(stream, said):
     """The lines of a stream up to the first of which ``said`` is true.  AssertionError where it ends before."""
     seen = []
     for line in stream:
@@ -112,14 +110,14 @@ def heard(stream: IO[str], said: Callable[[str], bool]) -> list[str]:
     raise AssertionError(f"never said; the last lines: {''.join(seen[-20:])}")
 
 
-def spoil(folder: Path, change: Callable[[list[str]], list[str]], name: str = "log0001.csv") -> None:
+def spoil(folder, change, name="log0001.csv"):
     """Change the list of a log's lines (0: comment, 1: header)."""
     path = folder / name
     lines = path.read_text().split("\n")
     path.write_text("\n".join(change(lines)))
 
 
-def refused(result: tuple[int, str, str], *words: str) -> None:
+def refused(result, *words):
     """Exit code 2 and one line, without a traceback, that says every word."""
     code, out, err = result
     lines = err.strip().split("\n")
@@ -131,7 +129,7 @@ def refused(result: tuple[int, str, str], *words: str) -> None:
         assert word in lines[0], (word, lines[0])
 
 
-def as_it_stands(name: str, found: str) -> None:
+def as_it_stands(name, found):
     """A screen is that of tests/screens.  TINYGC_SCREENS=write writes it anew."""
     path = ROOT / "tests" / "screens" / name
     if os.environ.get("TINYGC_SCREENS") == "write":
@@ -139,7 +137,7 @@ def as_it_stands(name: str, found: str) -> None:
     assert found == path.read_text(encoding="utf-8")
 
 
-def end(process: Popen) -> None:
+def end(process):
     """Ask, then kill: the process and all of its group.  It is waited for, and its pipes are closed."""
     if process.returncode is None:  # else its number may be another's by now
         if process.poll() is None:
@@ -156,7 +154,7 @@ def end(process: Popen) -> None:
                 pipe.close()
 
 
-def kill_group(number: int) -> None:
+def kill_group(number):
     """What is left of it."""
     if HAS_GROUPS:
         with contextlib.suppress(ProcessLookupError, PermissionError):  # macOS refuses a group of which only a zombie is left
@@ -164,7 +162,7 @@ def kill_group(number: int) -> None:
 
 
 @contextlib.contextmanager
-def usual_signals() -> Iterator[None]:
+def usual_signals():
     """What is started here has every signal at its default, also under ``nohup`` or behind an ``&``.
 
     A child inherits which signals are ignored and which are blocked, not the handlers.  So what we ignore gets a handler that does nothing.
@@ -201,20 +199,20 @@ for group in groups:
         pass
 """
 
-    def __init__(self) -> None:
+    def __init__(self):
         self._process: Popen | None = None
 
-    def over(self, group: int) -> None:
+    def over(self, group):
         """From now on."""
         if HAS_GROUPS:
             self._say(f"+{group}\n")
 
-    def no_more(self, group: int) -> None:
+    def no_more(self, group):
         """It has ended."""
         if HAS_GROUPS:
             self._say(f"-{group}\n")
 
-    def _say(self, line: str) -> None:
+    def _say(self, line):
         if self._process is None:
             quiet = {"stdout": DEVNULL, "stderr": DEVNULL, "start_new_session": True}
             self._process = Popen([sys.executable, "-I", "-S", "-c", self.PROGRAM], stdin=PIPE, text=True, bufsize=1, **quiet)
@@ -227,14 +225,14 @@ for group in groups:
 _WATCH = _Watch()
 
 
-def closed_pipe() -> int:
+def closed_pipe():
     """The writing end of a pipe that nobody reads."""
     reader, writer = os.pipe()
     os.close(reader)
     return writer
 
 
-def unread(monkeypatch: Any, *words: str) -> int:
+def unread(monkeypatch, *words):
     """Exit code of a command, in this process, whose standard output and standard error nobody reads."""
     import calibrate
 

@@ -1,20 +1,16 @@
 """Pseudo-terminals to record from, and what the tests of recording do with them."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import pty
 import threading
 import tty
-from collections.abc import Callable, Iterator
-from pathlib import Path
 
 from processes import CALIBRATE, DEVNULL, PIPE, heard, started, until
 
 from session.bench.decoder import StreamDecoder
 from session.bench.logwriter import LogWriter
-from session.bench.recorder import Recorder, stream
+from session.bench.recorder import stream
 
 LEAD_S = 3  #: of the virtual boards
 #: of a board whose reader may be late by any time
@@ -37,11 +33,11 @@ def make_wire():
 
 
 @contextlib.contextmanager
-def virtual_boards(folder: Path) -> Iterator[Callable[..., Path]]:
+def virtual_boards(folder):
     """Starts boards: ``start("--frames", name="port")`` gives the port; its session.toml is ``folder/bench.toml``."""
     with contextlib.ExitStack() as running:
 
-        def start(*words, name: str = "port") -> Path:
+        def start(*words, name="port"):
             port = folder / name
             more = [*words, *(() if "--lead" in words else ("--lead", LEAD_S)), "--memory", MEMORY]
             command = [*CALIBRATE, "board", "--link", port, "--config", folder / "bench.toml", *more]
@@ -52,18 +48,18 @@ def virtual_boards(folder: Path) -> Iterator[Callable[..., Path]]:
         yield start
 
 
-def send(file: int, data: bytes) -> None:
+def send(file, data):
     """All of it, however slowly it is read."""
     for start in range(0, len(data), 512):
         os.write(file, data[start : start + 512])
 
 
-def _send_while_open(file: int, data: bytes) -> None:
+def _send_while_open(file, data):
     with contextlib.suppress(OSError):  # a test may end before all of it is read
         send(file, data)
 
 
-def record(recorder: Recorder, file: int, data: bytes) -> list:
+def record(recorder, file, data):
     """Send and take in until all of it is decoded; returns the events."""
     sender, events = threading.Thread(target=_send_while_open, args=(file, data), daemon=True), []
     wanted = recorder.raw.size + len(data)
@@ -73,12 +69,12 @@ def record(recorder: Recorder, file: int, data: bytes) -> list:
     return events
 
 
-def caught_up(recorder: Recorder) -> list:
+def caught_up(recorder):
     """Events of what the folder's raw file held before."""
     return [event for events in recorder.catch_up() for event in events]
 
 
-def replayed(raw_path: Path, folder: Path) -> list[bytes]:
+def replayed(raw_path, folder):
     """The logs that a raw file makes."""
     folder.mkdir()
     decoder, logs = StreamDecoder(), LogWriter(folder)

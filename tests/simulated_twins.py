@@ -4,7 +4,6 @@ from tinygc import SimulationOptions, read_session
 from tinygc.closure.build import build_problem
 from tinygc.noise.components import known_whitener
 from tinygc.noise.twin import Twin
-from tinygc.noise.whitening import Whitener
 from tinygc.simulation.write import write_session
 
 
@@ -12,7 +11,7 @@ def make_twin_of(tmp_path_factory):
     """``twin_of(distort, segments=12, …)``: a simulated session, ready to be replayed, with its whitener."""
     made = {}
 
-    def make(distort=None, **options) -> tuple[Twin, Whitener]:
+    def make(distort=None, **options):
         chosen = SimulationOptions(**{"segments": 12, "closure_s": 0.0, "seed": 3, "odr_hz": 104.0, **options})
         if (distort, chosen) not in made:
             folder = write_session(chosen, tmp_path_factory.mktemp("twin") / "session", distort=distort)

@@ -1,7 +1,5 @@
 """A session of a few turns in two logs, made directly from arrays: stills, segments, batch, floor, Earth; no files, no simulation."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -43,7 +41,7 @@ def small_session(
     floor_rad=5e-4,
     triangle=False,
     truths=False,
-) -> Problem:
+):
     """Turns of each log, with a still before and behind each; the first log has a still more that is no reference, and a rejected segment.
 
     kind: ``tilt``, ``yaw`` (three angles are known) or ``known`` (net angles are stated); source: of the Earth's rate; noise: of ends,
@@ -127,7 +125,7 @@ def small_session(
     return problem
 
 
-def attitudes_by_scipy(q: Rotation, body: np.ndarray, dt: np.ndarray) -> Rotation:
+def attitudes_by_scipy(q, body, dt):
     """Attitudes (N) from the first one, body rates (N, 3) and steps (N - 1,) s."""
     vectors = (body[1:] + body[:-1]) / 2 * dt[:, None] + dt[:, None] ** 2 / 6 * np.cross(body[:-1], body[1:])
     found = [q]
@@ -136,7 +134,7 @@ def attitudes_by_scipy(q: Rotation, body: np.ndarray, dt: np.ndarray) -> Rotatio
     return Rotation.concatenate(found)
 
 
-def _still(start, t_ns, measured, accel, number, noise, rng) -> Still:
+def _still(start, t_ns, measured, accel, number, noise, rng):
     stop = start + STILL
     duration_s = (t_ns[stop - 1] - t_ns[start]) * 1e-9 * STILL / (STILL - 1)
     force = accel[start] + noise * ACCEL[number] / np.sqrt(2 * duration_s) * rng.normal(size=3)
@@ -145,17 +143,17 @@ def _still(start, t_ns, measured, accel, number, noise, rng) -> Still:
     return Still(start, stop, start_s, duration_s, measured[start:stop].mean(axis=0), none, force, none, none, 25.0)
 
 
-def _spd(rng, d: int) -> np.ndarray:
+def _spd(rng, d):
     root = np.eye(d) + 0.2 * rng.normal(size=(d, d))
     return root @ root.T
 
 
-def closure_of(problem: Problem):
+def closure_of(problem):
     """The closure's angles (S d,) as a function of the model's vector (12,), by scipy."""
     return lambda vector: angles_by_scipy(problem.batch, vector).ravel()
 
 
-def tilted_stills(problem: Problem, by: np.ndarray) -> Problem:
+def tilted_stills(problem, by):
     """The references at the ends of all turns rotated by vectors (Q, 3) rad about the table's axes, Q reference stills."""
     number = {id(still): k for k, still in enumerate(still for still in problem.stills if still.problem is None)}
     first, last = (np.array([number[id(s.stills[end])] for s in problem.used]) for end in (0, 1))

@@ -1,7 +1,5 @@
 """A few turns made directly from arrays, and their closure worked out by scipy: no code of the project's own."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -18,14 +16,14 @@ TRUE = LinearModel.from_vector(PERFECT.vector + TYPICAL)
 
 
 def small_turns(
-    count: int = 8,
-    model: LinearModel = TRUE,
-    yaw_known: bool = False,
-    noise_rad: float = 0.0,
-    samples: int = 40,
-    seed: int = 0,
-    integrator: str = "exact",
-) -> Batch:
+    count=8,
+    model=TRUE,
+    yaw_known=False,
+    noise_rad=0.0,
+    samples=40,
+    seed=0,
+    integrator="exact",
+):
     """A chain of smooth turns of 1.6 s under an Earth a thousand times as fast as ours, which close under ``model`` but for a noise of
     their ends; the last sample of the first turn is padding."""
     rng = np.random.default_rng(seed)
@@ -44,7 +42,7 @@ def small_turns(
     return turned_ends(batch, noise_rad * rng.normal(size=(count, 3)))
 
 
-def turned_ends(batch: Batch, by: np.ndarray) -> Batch:
+def turned_ends(batch, by):
     """A batch with the references of its ends rotated by vectors (S, 3) rad about the table's axes; a known angle takes the third."""
     if batch.turns is not None:
         turns = replace(batch.turns, angle_rad=batch.turns.angle_rad + by[:, 2])
@@ -52,7 +50,7 @@ def turned_ends(batch: Batch, by: np.ndarray) -> Batch:
     return replace(batch, end=wxyz(Rotation.from_rotvec(by) * Rotation.from_quat(batch.end, scalar_first=True)))
 
 
-def with_known_angles(batch: Batch, model: LinearModel = TRUE) -> Batch:
+def with_known_angles(batch, model=TRUE):
     """The net angle of every turn but the second stated, about an axis a little off."""
     vectors = turns_by_scipy(batch, model).as_rotvec()
     angle = np.linalg.norm(vectors, axis=1)
@@ -61,7 +59,7 @@ def with_known_angles(batch: Batch, model: LinearModel = TRUE) -> Batch:
     return replace(batch, turns=KnownTurns(angle, np.where(np.isfinite(angle), 1e-4, np.nan), axis / np.linalg.norm(axis, axis=1)[:, None]))
 
 
-def turns_by_scipy(batch: Batch, model: LinearModel, integrator: str = "exact") -> Rotation:
+def turns_by_scipy(batch, model, integrator="exact"):
     """What the body turns by in each segment (docs/model.md): mean rate, and the coning term dt^2 / 6 w_k x w_k+1; or the paper's
     first-order step, the quaternion (1, mean rate dt / 2)."""
     rate = batch.rate @ model.E.T + model.B - batch.earth
@@ -80,7 +78,7 @@ def turns_by_scipy(batch: Batch, model: LinearModel, integrator: str = "exact") 
     return Rotation.from_quat(steps[:, 0])
 
 
-def angles_by_scipy(batch: Batch, vector: np.ndarray, integrator: str = "exact") -> np.ndarray:
+def angles_by_scipy(batch, vector, integrator="exact"):
     """Error angles (S, d) rad: the tilt is the shortest rotation between the two verticals, a yaw that is known is one more component.
 
     A length of 4 sin(angle / 4) stands for the angle.
@@ -102,11 +100,11 @@ def angles_by_scipy(batch: Batch, vector: np.ndarray, integrator: str = "exact")
     return np.column_stack([tilt, 4 * np.sin(np.nan_to_num(miss) / 4)])
 
 
-def _chord(vectors: np.ndarray) -> np.ndarray:
+def _chord(vectors):
     size = np.linalg.norm(vectors, axis=1, keepdims=True)
     return vectors * np.where(size > 1e-12, 4 * np.sin(size / 4) / np.maximum(size, 1e-12), 1.0)
 
 
-def numeric_jacobian(function, at: np.ndarray, step: float = 1e-5) -> np.ndarray:
+def numeric_jacobian(function, at, step=1e-5):
     """Derivative (…, P) of function(vector (P,)), by central differences."""
     return np.stack([(function(at + s) - function(at - s)) / (2 * step) for s in np.eye(len(at)) * step], axis=-1)

@@ -9,7 +9,7 @@ import pytest
 
 from session.bench import frames
 from session.bench.decoder import StreamDecoder
-from session.bench.events import TROUBLES, Event, Info, SampleChunk
+from session.bench.events import TROUBLES, Info, SampleChunk
 
 PERIOD_US = 600
 
@@ -21,7 +21,7 @@ def rng(seed=0):
     return np.random.default_rng(seed)
 
 
-def smooth_registers(count: int, seed: int = 0) -> np.ndarray:
+def smooth_registers(count, seed=0):
     """Registers (count, 7) int16 that turn and tremble as a sensor's do."""
     rng = np.random.default_rng(seed)
     k = np.arange(count)[:, None]
@@ -29,16 +29,16 @@ def smooth_registers(count: int, seed: int = 0) -> np.ndarray:
     return np.rint(swing + rng.normal(0, [6, 6, 6, 12, 12, 12, 2], (count, 7))).astype(np.int16)
 
 
-def sent(count: int, start_us: int = 1_000_000, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+def sent(count, start_us=1_000_000, seed=0):
     """Device times (count,), unrolled, and registers (count, 7)."""
     return start_us + PERIOD_US * np.arange(count), smooth_registers(count, seed)
 
 
-def frame_list(t_us: np.ndarray, registers: np.ndarray, first: int = 0) -> list[bytes]:
+def frame_list(t_us, registers, first=0):
     return [row.tobytes() for row in frames.encode_samples(first + np.arange(len(t_us)), t_us, registers)]
 
 
-def line_list(t_us: np.ndarray, registers: np.ndarray, end: str = "\n") -> list[bytes]:
+def line_list(t_us, registers, end="\n"):
     rows = np.column_stack([t_us % 2**32, registers]).tolist()
     return [(",".join(map(str, row)) + end).encode() for row in rows]
 
@@ -47,7 +47,7 @@ def line_list(t_us: np.ndarray, registers: np.ndarray, end: str = "\n") -> list[
 BOTH = pytest.mark.parametrize("encode", [frame_list, line_list], ids=["frames", "text"])
 
 
-def decode(data: bytes, cuts=None, told=None) -> tuple[StreamDecoder, list[Event]]:
+def decode(data, cuts=None, told=None):
     """Decode bytes, whole or in pieces that end at ``cuts``, and finish; told: the header that nobody sends."""
     decoder, events = StreamDecoder(told), []
     edges = [0, *sorted(cuts or []), len(data)]
@@ -56,7 +56,7 @@ def decode(data: bytes, cuts=None, told=None) -> tuple[StreamDecoder, list[Event
     return decoder, events + decoder.finish()
 
 
-def samples(events: list[Event]) -> tuple[np.ndarray, np.ndarray]:
+def samples(events):
     """Device times (n,) and registers (n, 7) of all chunks."""
     chunks = [event for event in events if isinstance(event, SampleChunk)]
     if not chunks:
@@ -64,19 +64,19 @@ def samples(events: list[Event]) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate([chunk.t_us for chunk in chunks]), np.concatenate([chunk.registers for chunk in chunks])
 
 
-def same(events, t_us, registers) -> bool:
+def same(events, t_us, registers):
     got_us, got = samples(events)
     return np.array_equal(got_us, t_us) and np.array_equal(got, registers)
 
 
-def strangers(events: list[Event], t_us: np.ndarray, registers: np.ndarray) -> int:
+def strangers(events, t_us, registers):
     """How many samples came out that were not sent: times ``t_us`` increasing."""
     got_us, got = samples(events)
     place = np.searchsorted(t_us, got_us).clip(0, len(t_us) - 1)
     return int(((t_us[place] != got_us) | (registers[place] != got).any(axis=1)).sum())
 
 
-def troubles(events: list[Event]) -> dict[str, int]:
+def troubles(events):
     """Counts by kind."""
     total: dict[str, int] = {}
     for event in events:
@@ -85,7 +85,7 @@ def troubles(events: list[Event]) -> dict[str, int]:
     return total
 
 
-def spoilt(messages: list[bytes], seed: int, lost: float = 0.0, torn: float = 0.0, flip: float = 0.0) -> bytes:
+def spoilt(messages, seed, lost=0.0, torn=0.0, flip=0.0):
     """The messages on a bad wire: shares of them that are lost, and cut off somewhere, and of all bits that are turned."""
     draw = np.random.default_rng(seed)
     kept = [m[: draw.integers(1, len(m))] if draw.random() < torn else m for m in messages if draw.random() >= lost]
@@ -93,7 +93,7 @@ def spoilt(messages: list[bytes], seed: int, lost: float = 0.0, torn: float = 0.
     return np.packbits(bits ^ (draw.random(len(bits)) < flip)).tobytes()
 
 
-def costly(size: int, seed: int = 1) -> dict[str, bytes]:
+def costly(size, seed=1):
     """Streams that cost the most for their length, by name; and ordinary ones to hold them against."""
     draw, registers = np.random.default_rng(seed), smooth_registers(size // 18, seed)
     t_us = PERIOD_US * np.arange(len(registers))

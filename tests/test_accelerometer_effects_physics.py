@@ -29,12 +29,12 @@ BY_HAND = {
 }
 
 
-def at_rest(up: np.ndarray, t_s: np.ndarray, duration_s: float) -> Movement:
+def at_rest(up, t_s, duration_s):
     count = np.zeros(len(up))
     return Movement(t_s, 1.0, np.zeros_like(up), up, 25 + t_s / 50, count, duration_s, 1.0, 25.0)
 
 
-def attitudes(count: int, rng) -> np.ndarray:
+def attitudes(count, rng):
     up = rng.normal(size=(count, 3))
     return up / np.linalg.norm(up, axis=1, keepdims=True)
 

@@ -4,7 +4,6 @@ import gzip
 import json
 import os
 import sys
-from pathlib import Path
 
 import numpy as np
 import processes
@@ -55,7 +54,7 @@ def read(path):
     return read_log(path, Sensor("", "", RATE_HZ, 500, 4)).samples
 
 
-def numbers(log: Path) -> list[list[float]]:
+def numbers(log):
     """The rows below a header, read as a program reads a CSV that is told nothing: ValueError for what is no number, a comment among it."""
     header, *rows = [line.split(",") for line in log.read_text().splitlines()]
     assert all(len(row) == len(header) for row in rows)

@@ -3,8 +3,6 @@
 ``arduino_board/`` is an Arduino in simulated time, ``small_imu.c`` the sensor: bus and port take the time of their bits.
 """
 
-from __future__ import annotations
-
 import re
 import shutil
 from pathlib import Path
@@ -15,7 +13,6 @@ from conftest import ROOT
 from processes import run
 from streams import decode, samples
 
-from session.bench.decoder import StreamDecoder
 from session.bench.events import Info
 
 needs_gcc = pytest.mark.skipif(not (shutil.which("gcc") and shutil.which("g++")), reason="not installed: gcc, g++")
@@ -23,17 +20,17 @@ TESTS, FIRMWARE = ROOT / "tests", ROOT / "firmware"
 PAGE = (ROOT / "docs" / "boards.md").read_text(encoding="utf-8")
 
 
-def decoded(data: bytes) -> tuple[StreamDecoder, list, np.ndarray, np.ndarray]:
+def decoded(data):
     """The decoder, its events, stamps and registers."""
     decoder, events = decode(data)
     return decoder, events, *samples(events)
 
 
-def rows_of(count: int, most: int = 32768, columns: int = 7) -> np.ndarray:
+def rows_of(count, most=32768, columns=7):
     return np.random.default_rng(2).integers(-32768, most, (count, columns))
 
 
-def as_lines(rows: np.ndarray) -> bytes:
+def as_lines(rows):
     return "\n".join(" ".join(map(str, row)) for row in rows.tolist()).encode()
 
 
@@ -52,7 +49,7 @@ SETTINGS = re.compile(r"const char INFO\[\].*?const bool HIGH_FIRST = \w+;", re.
 PERIOD_US = 9_913.7  #: of a sensor that calls itself 100 Hz
 
 
-def block_of_page(containing: str) -> str:
+def block_of_page(containing):
     (block,) = (block for block in re.findall(r"```cpp\n(.*?)```", PAGE, re.S) if containing in block)
     return block.strip()
 
@@ -81,7 +78,7 @@ def others(tmp_path_factory):
     return make
 
 
-def sent(program: Path, rows: np.ndarray, family: str = "mpu", fail_each: int = 0, who: int = 0) -> tuple[bytes, list[int]]:
+def sent(program, rows, family="mpu", fail_each=0, who=0):
     """What the board sends while its sensor makes these rows; the sensor's registers behind the set-up."""
     ran = run([program, family, PERIOD_US, 0, fail_each, who], input=as_lines(rows), stdin=None, capture_output=True, check=True)
     return ran.stdout, [int(word) for word in ran.stderr.split()[1:]]
@@ -136,11 +133,11 @@ FLAGS = ["-O0", "-Wall", "-Wextra", "-Werror", "-fsanitize=undefined", "-fno-san
 TICK_US = 25.0
 
 
-def compiled(compiler: str, *words: str | Path) -> None:
+def compiled(compiler, *words):
     run([compiler, *FLAGS, *words], check=True, capture_output=True, text=True)
 
 
-def sketch(odr_hz: float, baud: int, dps: int = 500, g: int = 4) -> str:
+def sketch(odr_hz, baud, dps=500, g=4):
     """The sketch as C++, for the data rate, the speed of its port, and ranges."""
     text = SKETCH.read_text(encoding="utf-8").replace("ODR_HZ = 104;", f"ODR_HZ = {odr_hz};")
     text = text.replace("GYRO_FS_DPS = 500, ACCEL_FS_G = 4;", f"GYRO_FS_DPS = {dps}, ACCEL_FS_G = {g};")
@@ -174,13 +171,13 @@ def boards(tmp_path_factory):
     return make
 
 
-def sent_by_driver(program: Path, rows: np.ndarray, *, who=0x6B, fine=0, ticks=6.0, answers_s=0.0, spoilt=-1, start_us=0.0) -> bytes:
+def sent_by_driver(program, rows, *, who=0x6B, fine=0, ticks=6.0, answers_s=0.0, spoilt=-1, start_us=0.0):
     """What the board sends while its sensor makes these rows."""
     words = [program, who, fine, ticks, answers_s, spoilt, start_us]
     return run(words, input=as_lines(rows), stdin=None, capture_output=True, check=True).stdout
 
 
-def place(found: np.ndarray, rows: np.ndarray) -> int:
+def place(found, rows):
     """Which row the first sample is."""
     (first,) = np.flatnonzero((rows == found[0, :6]).all(axis=1))
     return int(first)
@@ -239,7 +236,7 @@ def test_the_names_are_those_of_the_driver():
     assert arduino == f" {' '.join(faults)} "
 
 
-def driver_rows(count: int) -> np.ndarray:
+def driver_rows(count):
     """Below what stands for a sample that has not settled."""
     return rows_of(count, 0x7FFD, 6)
 

@@ -1,7 +1,5 @@
 """A board that takes commands is set, and set again; what it says of itself is read back from session.toml, or refused and not written."""
 
-from __future__ import annotations
-
 import struct
 import tempfile
 from dataclasses import replace
@@ -38,10 +36,10 @@ class Wire:
 
     in_waiting = 4096
 
-    def _say(self) -> bytes:
+    def _say(self):
         return frames.encode_info(0, INFO) + (board_frame(odr_hz=self.odr_hz, baud=self.baud) if self.speaks else b"")
 
-    def read(self, count: int) -> bytes:
+    def read(self, count):
         self._turn += 1
         wait()
         status = self._say() if self._turn % 4 == 1 else b""
@@ -50,7 +48,7 @@ class Wire:
         self.baud, self._next_baud = self._next_baud or self.baud, None  # answered at the old rate
         return out
 
-    def write(self, data: bytes) -> None:
+    def write(self, data):
         if self.deaf or self.baudrate != self.baud:
             return
         bodies, good = frames.decode_blocks(np.frombuffer(data.strip(b"\0"), np.uint8)[None])
@@ -163,31 +161,31 @@ def set_board(monkeypatch):
     return made
 
 
-def as_set() -> bytes:
+def as_set():
     return frames.encode_info(7, type(INFO)(2000.0, INFO.accel_fs_g, 833.0 * 1.013, INFO.serial))
 
 
 class Restarting(Wire):
     """Switched on again after so many reads: it says first what it is, as it was made."""
 
-    def __init__(self, after: int):
+    def __init__(self, after):
         super().__init__()
         self._after, self.asked_before, self.is_set = after, 0, False
 
-    def read(self, count: int) -> bytes:
+    def read(self, count):
         if self.is_set and not self.asked_before and self._turn > self._after:
             self.asked_before, self.is_set = len(self.asked), False
             return OTHER + board_frame() + self._samples[0]
         return super().read(count)
 
-    def write(self, data: bytes) -> None:
+    def write(self, data):
         super().write(data)
         self.is_set = {0x11, 0x12} <= {kind for kind, _ in self.asked[self.asked_before :]}
 
-    def _say(self) -> bytes:
+    def _say(self):
         return as_set() + board_frame(odr_hz=833.0) if self.is_set else super()._say()
 
-    def close(self) -> None:
+    def close(self):
         """As a port's."""
 
 
@@ -237,7 +235,7 @@ words = st.one_of(st.sampled_from(ODD), st.text(max_size=30))
 infos = st.builds(Info, *(st.one_of(st.just(usual), numbers) for usual in (500.0, 4.0, 416.0)), words, words)
 
 
-def file_of(folder: Path) -> SessionFile:
+def file_of(folder):
     return SessionFile(folder, None, None, None, None)
 
 
@@ -289,7 +287,7 @@ def test_what_no_sensor_has_is_refused_before_it_is_written(info, says, tmp_path
     assert right.configure(None).sensor.odr_hz == 416.0
 
 
-def written(text: str):
+def written(text):
     """What is read of a session.toml."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / NAME

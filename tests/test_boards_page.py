@@ -1,7 +1,5 @@
 """What docs/boards.md tells somebody with a soldering iron is what the code does: pins, frames on the wire, lines, baud rates."""
 
-from __future__ import annotations
-
 import binascii
 import re
 
@@ -33,7 +31,7 @@ def test_the_two_frames_and_the_lines_say_the_same():
     assert binascii.crc_hqx(bytes.fromhex(inside)[:-2], 0xFFFF) == int.from_bytes(bytes.fromhex(inside)[-2:], "little")
 
 
-def uncobs(coded: bytes) -> bytes:
+def uncobs(coded):
     decoded = b""
     while coded:
         decoded += coded[1 : coded[0]] + (b"\0" if coded[0] < len(coded) else b"")

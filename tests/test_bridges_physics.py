@@ -16,14 +16,14 @@ from tinygc.closure.prepared import prepare
 SENSOR = config().sensor
 
 
-def without(samples: Samples, rows, count: int) -> Samples:
+def without(samples, rows, count):
     keep = np.ones(len(samples), dtype=bool)
     for row in rows:
         keep[row : row + count] = False
     return Samples(samples.t_ns[keep], samples.gyro[keep], samples.accel[keep], None if samples.temp_c is None else samples.temp_c[keep])
 
 
-def fast_rows(samples: Samples, number: int, seed: int, slowest_dps: float = 20.0) -> np.ndarray:
+def fast_rows(samples, number, seed, slowest_dps=20.0):
     """Rows within turns, well apart."""
     speed = np.linalg.norm(samples.gyro - np.median(samples.gyro, axis=0), axis=1)
     rows = np.flatnonzero(speed > slowest_dps * DEG)
@@ -31,7 +31,7 @@ def fast_rows(samples: Samples, number: int, seed: int, slowest_dps: float = 20.
     return rows[np.concatenate([[True], np.diff(rows) > 25])]
 
 
-def pulls_of_gaps(samples: Samples, count: int, seeds, number: int = 40) -> np.ndarray:
+def pulls_of_gaps(samples, count, seeds, number=40):
     """(K, 3): error of the rotation over gaps that are cut into a log, in the sigmas that are stated for it."""
     pulls = []
     for seed in seeds:
@@ -90,7 +90,7 @@ def test_a_gap_that_is_longer_is_none_of_them_and_a_late_stamp_is_no_gap():
     assert bridges == ()
 
 
-def peaked(seed: int, count: int) -> tuple[Samples, Samples, np.ndarray]:
+def peaked(seed, count):
     """A log whose single fastest readings lie beyond a register of ±level, the same clipped there, and the level, dps."""
     true = Table().tumble(20, seed=seed).samples(seed=seed, registers=False, odr_hz=52.0)
     top = np.sort(np.abs(true.gyro).max(axis=1))[-1 - count]

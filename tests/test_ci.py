@@ -11,12 +11,12 @@ RUN = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
 SETTINGS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 
 
-def commands() -> list[str]:
+def commands():
     """Lines of ``.ci/run`` that are a command of their own."""
     return [line.strip() for line in RUN.splitlines()]
 
 
-def steps(job: dict) -> list[str]:
+def steps(job):
     return [step["run"] for step in job["steps"] if "run" in step]
 
 

@@ -21,7 +21,7 @@ from tinygc.cli.commands import commands
 # Screens: of a session of four turns; that of a fit stands in docs/tutorial.md.
 
 
-def masked(text: str) -> str:
+def masked(text):
     """The words: numbers and the widths of columns left out."""
     text = re.sub(r"[-−+]?\d[\d.,]*(e[-+]\d+)?", "#", text)
     text = re.sub(r"[─━═╭╮╰╯│┃▁▂▃▄▅▆▇█ \t]+", " ", text)

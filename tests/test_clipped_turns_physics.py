@@ -31,7 +31,7 @@ LSB = 17.5e-3 * DEG
 FS = 500 * DEG
 
 
-def samples_of(gyro) -> Samples:
+def samples_of(gyro):
     return Samples(np.arange(len(gyro)) * 10_000_000, gyro, np.tile([0.0, 0.0, -9.8], (len(gyro), 1)), None)
 
 

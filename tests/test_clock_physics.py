@@ -90,7 +90,7 @@ def test_a_coarse_pace_counts_what_is_no_gap_as_one_period():
 ODR_HZ = 209.56
 
 
-def stamps(odr_hz: float, tick_ns: int, lost, late_s: float):
+def stamps(odr_hz, tick_ns, lost, late_s):
     """Stamps ns of a minute of an even clock in ticks, some of them lost, by chance or these, and how many were lost."""
     rng = np.random.default_rng(3)
     t_s = 0.0137 + np.arange(round(60 * odr_hz)) / odr_hz

@@ -1,7 +1,5 @@
 """The coach: what a turn tells is mechanics, its words and its movement are one turn, its advice ends where all is known."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from itertools import permutations, product
@@ -55,7 +53,7 @@ def test_what_a_turn_tells_is_what_mechanics_says():
 RAW = Accelerometer(np.array([[1.011, 0.004, -0.003], [0, 0.992, 0.005], [0, 0, 1.006]]), np.array([0.2, -0.15, 0.1]))
 
 
-def read_by(accelerometer: Accelerometer, force: np.ndarray) -> np.ndarray:
+def read_by(accelerometer, force):
     """What an accelerometer reads that its calibration brings to force."""
     return force @ np.linalg.inv(accelerometer.matrix).T + accelerometer.bias_mps2
 
@@ -121,11 +119,11 @@ STANDING = [
 ]
 
 
-def arrow(name: str) -> np.ndarray:
+def arrow(name):
     return np.eye(3)["xyz".index(name[-1])] * (-1 if name[0] == "-" else 1)
 
 
-def done(words: str, lies: Rotation) -> Rotation:
+def done(words, lies):
     """What a person does who reads the words beside a board that lies so.  Knows nothing of how they were made."""
     (said,) = re.fullmatch(r"turn (.+) \([34] s\)", words).groups()
     for movement in said.split(", then at once "):
@@ -145,13 +143,13 @@ def done(words: str, lies: Rotation) -> Rotation:
     return lies
 
 
-def meant(turn, lies: Rotation) -> Rotation:
+def meant(turn, lies):
     for part in turn.parts:
         lies = lies * Rotation.from_rotvec(part.axis * part.angle_rad)
     return lies
 
 
-def same(a: Rotation, b: Rotation, within_rad=1e-9) -> bool:
+def same(a, b, within_rad=1e-9):
     return (a.inv() * b).magnitude() < within_rad
 
 

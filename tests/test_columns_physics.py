@@ -22,14 +22,14 @@ twin_of = pytest.fixture(make_twin_of, scope="module", name="twin_of")
 # Columns.
 
 
-def slopes(twin, state, first, count, step) -> np.ndarray:
+def slopes(twin, state, first, count, step):
     """(n, count) central differences of the exact residuals along some numbers of ``State.vector``."""
     vector = state.vector
     some = np.eye(len(vector))[first : first + count]
     return numeric_jacobian(lambda part: twin.residuals(state.with_vector(vector + part @ some)).stacked(), np.zeros(count), step)
 
 
-def errors(columns: np.ndarray, exact: np.ndarray) -> np.ndarray:
+def errors(columns, exact):
     return np.linalg.norm(columns - exact, axis=0) / np.linalg.norm(exact, axis=0)
 
 
@@ -124,7 +124,7 @@ def test_a_basis_is_its_columns_and_undoes_what_it_adds(twin_of):
 FS = 500 * DEG
 
 
-def movement(temp_c=25.0, began_s=0.0) -> Movement:
+def movement(temp_c=25.0, began_s=0.0):
     t_s = began_s + np.linspace(0, 100, 101)
     rate = FS * np.column_stack([np.linspace(-0.9, 0.9, 101), np.full(101, 0.5), np.linspace(0.2, -0.4, 101)])
     force = np.tile([0.6, -0.48, 0.64], (101, 1))

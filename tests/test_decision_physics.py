@@ -70,7 +70,7 @@ def test_every_tenth_segment_is_held_out_with_the_stills_at_its_ends():
     assert_allclose(_per_segment(moving, there, rows[6:30]), ((rows[6:30] / sigma) ** 2).reshape(12, 2).sum(axis=1))
 
 
-def refit_without(twin, have, J, r, held) -> tuple[np.ndarray, np.ndarray]:
+def refit_without(twin, have, J, r, held):
     """Rows that are held out, and what normal equations of the others predict there, with penalties of the distance from the fit of all."""
     whiten, seen, balance = have.whiten, fold_rows(twin, have.whiten, held), J.T @ r  # of the priors at the fit of all rows
     columns, rows = whiten.back(J), whiten.back(r)
@@ -79,7 +79,7 @@ def refit_without(twin, have, J, r, held) -> tuple[np.ndarray, np.ndarray]:
     return ~seen, (rows + columns @ step)[~seen]
 
 
-def refitted_without(twin, have, J, r) -> np.ndarray:
+def refitted_without(twin, have, J, r):
     """(n,) each fold's rows predicted by the others."""
     found = np.full(twin.n, np.nan)
     for held in folds_of(len(twin.segments)):

@@ -29,7 +29,7 @@ closure_deg = 1e-5
 def own(tmp_path, monkeypatch):
     """``own(text)``: writes the file, and lets it be read."""
 
-    def write(text=WHOLE) -> Path:
+    def write(text=WHOLE):
         path = tmp_path / "tinygc.toml"
         path.write_text(text, encoding="utf-8")
         monkeypatch.setenv("TINYGC_DEFAULTS", str(path))

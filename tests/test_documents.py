@@ -40,29 +40,29 @@ NAMED = ("commands", "explain", "exports")
 each_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
 
 
-def without_code(text: str) -> str:
+def without_code(text):
     """Its lines keep their numbers."""
     return re.sub(r"^```.*?^```", lambda block: "\n" * block[0].count("\n"), text, flags=re.S | re.M)
 
 
-def anchors(text: str) -> set[str]:
+def anchors(text):
     """Of the headings, as Git hosts make them."""
     heads = re.findall(r"^#+ (.+)$", without_code(text), flags=re.M)
     heads = [re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", head) for head in heads]
     return {re.sub(r"[^\w\- ]", "", head.strip().lower()).replace(" ", "-") for head in heads}
 
 
-def linked_pages(text: str, folder: Path) -> list[Path]:
+def linked_pages(text, folder):
     """Pages that a text links to, in order, each once."""
     targets = [(folder / target).resolve() for target, _ in LINK.findall(without_code(text)) if target.endswith(".md")]
     return list(dict.fromkeys(targets))
 
 
-def blocks(path: Path, language: str) -> list[str]:
+def blocks(path, language):
     return re.findall(rf"```{language}\n(.*?)```", path.read_text(encoding="utf-8"), re.S)
 
 
-def alike(listed: set, there: set, page: str) -> None:
+def alike(listed, there, page):
     """A page lists what is there, and nothing else."""
     wrong = {f"{each} is not there" for each in listed - there} | {f"{each} is not listed" for each in there - listed}
     assert not wrong, "\n".join([f"edit {page}:", *sorted(wrong)])

@@ -1,7 +1,5 @@
 """The sensor's driver is for any C99 target: other widths of int, other signs of char, other sizes of an enumeration."""
 
-from __future__ import annotations
-
 import shutil
 from functools import cache
 
@@ -25,7 +23,7 @@ pytestmark = pytest.mark.emulation  # with the tools that the firmware is built 
 
 
 @cache
-def builds(compiler: tuple[str, ...]) -> bool:
+def builds(compiler):
     """Whether the compiler is there and has the headers for these options."""
     if shutil.which(compiler[0]) is None:
         return False

@@ -184,7 +184,7 @@ def test_a_matrix_is_told_by_its_row_and_its_columns_multiply_what_they_are_give
 # Signals with a memory.
 
 
-def hand(rate_hz: float = 208.0, length_s: float = 40.0, began_s: float = 0.0) -> Movement:
+def hand(rate_hz=208.0, length_s=40.0, began_s=0.0):
     """A still of two seconds, ten turns of three seconds about changing axes with a rest of one after each, warming up."""
     t_s = began_s + np.arange(0, length_s, 1 / rate_hz)
     since = np.clip(t_s - 2, 0, None)
@@ -295,12 +295,12 @@ def test_angular_acceleration_is_the_same_at_any_data_rate_and_smooths_noise():
 # How a strong effect is taken off again.
 
 
-def law(columns, size: int = 3, **more) -> Effect:
+def law(columns, size=3, **more):
     shape = (3, 3) if size == 9 else (3,)
     return Effect("mine.law", "…", Parameter("dps", shape, "dps", DEG), ("turn",), columns, str, "turn", device=NoC("a test"), **more)
 
 
-def left_of(effect: Effect, dps, odr_hz=104.0) -> float:
+def left_of(effect, dps, odr_hz=104.0):
     """Of what it adds at most."""
     moved, theta = movement(odr_hz), np.array(dps, dtype=float) * DEG
     distorted = effect.distort(moved, theta)

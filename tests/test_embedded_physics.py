@@ -56,7 +56,7 @@ def compiled(tmp_path_factory):
     library = built(tmp_path_factory.mktemp("c") / "all", files)
     functions = ("start", "step", "self_test", "from_registers", "force")
 
-    def named(name: str) -> Compiled:
+    def named(name):
         n = list(MODELS).index(name)
         return Compiled.of(SimpleNamespace(**{f"tinygc_{each}": getattr(library, f"m{n}_{each}") for each in functions}), sizes[n])
 
@@ -197,7 +197,7 @@ def test_it_compiles_without_a_word_needs_no_library_and_no_name_leaves_its_comm
 REFUSED = [name for name, effect in catalogue().items() if effect.kind == "rate" and name not in CARRIED]
 
 
-def named(constant: str) -> PhysicsModel:
+def named(constant):
     """A physics model whose effect has a constant of this name."""
     effect = catalogue()["gyro.g_sensitivity"]
     code = dataclasses.replace(effect.device, name=constant)

@@ -48,7 +48,7 @@ from tinygc.explanation.physics import lost_in
 from tinygc.noise.components import TURN
 
 
-def rows_in_turns(table: Table, samples: Samples, each: int, seed: int) -> np.ndarray:
+def rows_in_turns(table, samples, each, seed):
     """Rows well inside the turns, ``each`` in every turn, at least a third of a second apart: where rate and gravity both change."""
     rng = np.random.default_rng(seed)
     stops, starts = [stop for _, stop in table.rests[:-1]], [start for start, _ in table.rests[1:]]
@@ -59,7 +59,7 @@ def rows_in_turns(table: Table, samples: Samples, each: int, seed: int) -> np.nd
     return np.searchsorted(samples.t_s, np.array(times))
 
 
-def with_losses(samples: Samples, rows: np.ndarray, count: int) -> Samples:
+def with_losses(samples, rows, count):
     """``count`` samples gone after each row, and the stamps closed up."""
     kept = np.ones(len(samples), dtype=bool)
     for row in rows:
@@ -67,12 +67,12 @@ def with_losses(samples: Samples, rows: np.ndarray, count: int) -> Samples:
     return Samples(samples.t_ns[: kept.sum()], samples.gyro[kept], samples.accel[kept], samples.temp_c[kept])
 
 
-def closed_up(rows: np.ndarray, count: int) -> np.ndarray:
+def closed_up(rows, count):
     """The same rows, counted after the losses before them."""
     return rows - count * np.arange(len(rows))
 
 
-def session_with(*logs: Samples, bridges=()) -> Session:
+def session_with(*logs, bridges=()):
     files = tuple(Log(Path(f"log{i:04}.csv"), samples, bridges=tuple(bridges)) for i, samples in enumerate(logs))
     return Session(Path("made"), config(odr_hz=100.0), files, ())
 
@@ -135,7 +135,7 @@ def test_the_bottom_of_a_valley_is_found_wherever_it_is(most):
 # Closure with some events repaired
 
 
-def trial(count=2) -> ClosureTrial:
+def trial(count=2):
     """Turns of one log, one behind the other, whose closure is scipy's; a second log holds what bridged readings would be."""
     batch = small_turns(count=count, samples=24, noise_rad=0.0)
     made = ClosureTrial.__new__(ClosureTrial)
@@ -152,7 +152,7 @@ def trial(count=2) -> ClosureTrial:
     return made
 
 
-def closes(rate, dt, earth, batch, i) -> np.ndarray:
+def closes(rate, dt, earth, batch, i):
     """(2,) rad by scipy, of one turn with these calibrated rates."""
     one = batch.pick(slice(i, i + 1))
     one = type(one)(rate[None], dt[None], earth[None], one.start, one.end, False)
@@ -226,7 +226,7 @@ def test_an_event_belongs_to_a_turn_with_four_readings_on_either_side(row, segme
     assert made.segment_of(RegisterFault(LOST, 1, row)) is None
 
 
-def shortened(made: ClosureTrial, lengths: dict[int, int]) -> list[RegisterFault]:
+def shortened(made, lengths):
     """Take readings out of turns, from the middle of each, as if so many samples were lost there."""
     events = []
     for i, count in lengths.items():
@@ -475,7 +475,7 @@ def test_a_ceiling_in_one_log_leaves_the_other_logs_segments_alone(two):
 # What the body really did is not mended, what only the readings did is.
 
 
-def knocked(really: bool):
+def knocked(really):
     """Turns of which every fourth is knocked at 60 dps for three readings about an axis of its own, or reads as if; and the rows."""
     table, rng, knocks = Table().rest(2 + 0.5 / 104), np.random.default_rng(4), {}
     for number in range(16):

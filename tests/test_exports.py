@@ -58,21 +58,21 @@ def test_the_example_of_contributing_exports_and_passes_its_own_test():
     assert all(line.strip() for line in text.splitlines())
 
 
-def rotation(matrix) -> np.ndarray:
+def rotation(matrix):
     R = np.array(matrix)
     np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-12)
     assert np.linalg.det(R) == pytest.approx(1)
     return R
 
 
-def lower(matrix) -> np.ndarray:
+def lower(matrix):
     M = np.array(matrix)
     assert np.array_equal(M, np.tril(M))
     assert (np.diag(M) > 0).all()
     return M
 
 
-def near(there, expected) -> None:
+def near(there, expected):
     assert np.abs(there - expected).max() <= 1e-9 * np.abs(expected).max()
 
 

@@ -1,12 +1,9 @@
 """The exported model on the emulated STM32F405: the same bits as on this machine, within its bounds, and over the serial port."""
 
-from __future__ import annotations
-
 import contextlib
 import ctypes
 import re
 import struct
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -35,7 +32,7 @@ def needs_board(test):
 F = np.float32
 
 
-def write_model(folder: Path, name: str) -> Path:
+def write_model(folder, name):
     folder.mkdir(parents=True, exist_ok=True)
     for file, text in exporter("c").export(MODELS[name], context()).items():
         (folder / file).write_text(text)
@@ -75,11 +72,11 @@ class Link:
     IN_FLIGHT = 8  #: samples that may be on their way: fewer bytes than the board's ring holds
     CALIBRATED, SELF_TEST = struct.Struct("<BHIfff"), struct.Struct("<BHHfI")
 
-    def __init__(self, port: str):
+    def __init__(self, port):
         self._port, self._buffer, self._bodies = serial.Serial(port, 921600, timeout=0.5), b"", []
         self.close, self.send = self._port.close, self._port.write
 
-    def hello(self) -> tuple[int, float, int]:
+    def hello(self):
         """The board's self-test: failed, worst, model.  What is sent before QEMU has seen the terminal open is lost, so it is repeated."""
 
         def ask():
@@ -90,7 +87,7 @@ class Link:
 
         return self.SELF_TEST.unpack(until(ask, what="a self-test"))[2:]
 
-    def calibrate(self, t_us: np.ndarray, registers: np.ndarray) -> np.ndarray:
+    def calibrate(self, t_us, registers):
         """Rates (N, 3) float32 rad/s for samples: t_us (N,), registers (N, 7) int16."""
         coded, rates = frames.encode_samples(np.arange(len(t_us)), t_us, registers), np.zeros((len(t_us), 3), np.float32)
         for first in range(0, len(rates), self.IN_FLIGHT):
@@ -102,7 +99,7 @@ class Link:
                 assert sequence == n & 0xFFFF
         return rates
 
-    def next(self) -> bytes | None:
+    def next(self):
         """The next good frame without its CRC; None where half a second passes without a byte."""
         while not self._bodies:
             data = self._port.read(max(1, self._port.in_waiting))

@@ -1,11 +1,8 @@
 """``make flash``: what the flashers are asked to do.  They are scripts here that note how they were called."""
 
-from __future__ import annotations
-
 import shutil
 import stat
 import sys
-from pathlib import Path
 
 import pytest
 from conftest import ROOT
@@ -26,7 +23,7 @@ COMPILER = 'while [ "$#" -gt 1 ]; do [ "$1" = -o ] && : > "$2"; shift; done'
 OBJCOPY = ': > "$4"'
 
 
-def script(path: Path, text: str) -> None:
+def script(path, text):
     path.write_text(f"#!/bin/sh\n{text}\n")
     path.chmod(path.stat().st_mode | stat.S_IXUSR)
 

@@ -22,7 +22,7 @@ TOML_AND_FRAMES = {
 }
 
 
-def assert_on_page(table: dict, schema: str) -> None:
+def assert_on_page(table, schema):
     assert table["schema"] == schema
     assert not strangers(table), f"docs/formats.md, {schema}, or its schema, lacks {', '.join(sorted(set(strangers(table))))}"
 

@@ -1,7 +1,5 @@
 """What decides a still, a turn, a closure run, the wait for a warm board, and the board's clock, on streams with truth."""
 
-from __future__ import annotations
-
 import re
 from itertools import pairwise
 from types import SimpleNamespace
@@ -162,14 +160,14 @@ def test_what_is_no_still_and_what_is_too_fast_is_said_with_its_number(table, sa
         assert words in guide.instruction.why
 
 
-def endless() -> Samples:
+def endless():
     table = Table().rest(3)
     for axis in ((1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 0)):
         table.turn(500, axis, 9)
     return table.rest(3).samples()
 
 
-def turned(degrees: float, seconds: float, clip_dps=1e3, lost=()) -> Samples:
+def turned(degrees, seconds, clip_dps=1e3, lost=()):
     samples = Table().rest(3).turn(degrees, (0, 1, 0), seconds).rest(2.5).samples()
     kept = np.delete(np.arange(len(samples)), lost)
     return Samples(samples.t_ns[kept], np.clip(samples.gyro, -clip_dps * DEG, clip_dps * DEG)[kept], samples.accel[kept])
@@ -294,19 +292,19 @@ def test_the_first_second_tells_a_wrong_range_a_wrong_rate_and_a_dead_axis(of_gy
 PLANNED_S = 12.0
 
 
-def to_the_mark(rest_s=5.0) -> Table:
+def to_the_mark(rest_s=5.0):
     """A segment, then onto the mark."""
     return Table().rest(2).turn(120, (1, 0, 0), 2).rest(2.5).turn(90, (0, 1, 0), 2).rest(rest_s)
 
 
-def run(table: Table) -> Table:
+def run(table):
     """Out and back again."""
     for degrees, axis in ((110, (1, 0.3, 0)), (110, (0, 1, 0.4)), (-110, (0, 1, 0.4)), (-110, (1, 0.3, 0))):
         table.turn(degrees, axis, PLANNED_S / 4)
     return table
 
 
-def led_home(table: Table, spoil=lambda samples: None):
+def led_home(table, spoil=lambda samples: None):
     """The guide, its changes, what was decided and at which second: as a recording does it; spoil: what happens to the readings."""
     guide, samples = guide_of(1, closure_s=PLANNED_S), table.samples()
     spoil(samples)
@@ -363,11 +361,11 @@ def test_a_run_that_cannot_be_integrated_begins_again():
     assert (guide.stage, decided) == (Stage.DONE, [BEGUN, BEGUN, KEPT])
 
 
-def with_noise(temps: np.ndarray, seed=0) -> np.ndarray:
+def with_noise(temps, seed=0):
     return temps + 0.003 * np.random.default_rng(seed).standard_normal(len(temps))
 
 
-def told(t_s, temps, stills, left) -> list:
+def told(t_s, temps, stills, left):
     """What it says at each moment, with a turn that counts between each two stills."""
     warmth, said = StreamHealth(), []
     turns = [SimpleNamespace(segment=SimpleNamespace(stills=pair)) for pair in pairwise(stills)]
@@ -566,7 +564,7 @@ def test_several_comparisons_are_their_weighted_mean():
     assert ClockRatio.written(1.0, 0.0).sigma == LEAST
 
 
-def moved(seconds: float, rate_dps: float = 0.0, quiet: bool = False) -> MotionBlock:
+def moved(seconds, rate_dps=0.0, quiet=False):
     return MotionBlock(seconds, np.array([0.0, 0.0, rate_dps * DEG]), abs(rate_dps) * DEG, quiet, "")
 
 

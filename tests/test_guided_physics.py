@@ -1,7 +1,5 @@
 """A guided recording without a port, a clock or a terminal: what is said of port, board and coach, and what keys decide."""
 
-from __future__ import annotations
-
 import contextlib
 import threading
 from dataclasses import replace
@@ -99,7 +97,7 @@ class Said:
 
 
 @cache
-def chunks(table: Table, seed: int = 0) -> list[SampleChunk]:
+def chunks(table, seed=0):
     samples = table.samples(seed=seed)
     rows = np.column_stack([samples.gyro / gyro_rps_per_lsb(500), samples.accel / accel_mps2_per_lsb(4), 256 * (samples.temp_c - 25)])
     rows, t_us = np.rint(rows).astype(np.int16), samples.t_ns // 1000
@@ -208,7 +206,7 @@ def test_a_coach_that_fails_does_not_end_the_recording():
 TURNS = [(120, (1, 0, 0)), (130, (0, 1, 0)), (140, (0, 0, 1)), (150, (1, 1, 0))]
 
 
-def session(turns: int) -> Table:
+def session(turns):
     table = Table().rest(2)
     for degrees, axis in TURNS[:turns]:
         table.turn(degrees, axis, 1.5).rest(2.5)
@@ -356,7 +354,7 @@ def test_resumed_after_turns_the_rest_has_its_own_log_and_no_turn_counts():
 # What the board reports of itself.
 
 
-def heard(*data: bytes) -> list[str]:
+def heard(*data):
     """The lines of the messages and resets in a stream."""
     words, said, decoder = BoardReporter(), [], StreamDecoder()
     for event in decoder.feed(HELLO + b"".join(data)) + decoder.finish():
@@ -405,7 +403,7 @@ ON, HUNG, ASTRAY = 3, 3 | 8, 3 | 16
 WATCHDOG, FAULT = RESET_WORDS["watchdog"], RESET_WORDS["fault"]
 
 
-def restarted(*states: int) -> list[bytes]:
+def restarted(*states):
     """A board that starts again and again, each time with a status before its samples and two among them: their stamps begin anew."""
     rows = b"".join(frame_list(*sent(1200, start_us=5000)))
     return [board_frame(state=state) + rows[: len(rows) // 2] + board_frame(state=state) + rows[len(rows) // 2 :] for state in states]
@@ -426,7 +424,7 @@ def test_what_each_reset_came_of_is_said_once(states, says):
     assert "since power-up" in WATCHDOG  # nothing is claimed of this recording
 
 
-def said(odr_hz: float) -> Info:
+def said(odr_hz):
     return replace(BOARD_INFO, odr_hz=odr_hz, serial="0")
 
 

@@ -20,7 +20,7 @@ ODR_HZ = 104.0
 TURNS = 24
 
 
-def hit(seed: int, missed_deg: float, turns=(2, 7, 11, 16, 20), jump_g: float = 3.0, odr_hz: float = ODR_HZ) -> tuple[Samples, list[int]]:
+def hit(seed, missed_deg, turns=(2, 7, 11, 16, 20), jump_g=3.0, odr_hz=ODR_HZ):
     """A log whose given turns end at a stop: 0.1 s before the rest the specific force jumps, and the body turns by ``missed_deg`` about a
     random axis between two readings, of which the gyro sees nothing."""
     table, rng = Table().tumble(TURNS, seed=seed), np.random.default_rng(seed + 1000)
@@ -45,7 +45,7 @@ def hit(seed: int, missed_deg: float, turns=(2, 7, 11, 16, 20), jump_g: float = 
     return Samples(t_ns, gyro, accel, 25 + 0.02 * rng.normal(size=len(t_ns))), list(turns)
 
 
-def problem_of(samples: Samples):
+def problem_of(samples):
     session = session_of(samples, raw=False, odr_hz=ODR_HZ)
     # An ideal table: nothing turns below it.
     site = replace(session.config.site, latitude_deg=None)

@@ -40,7 +40,7 @@ from tinygc.inference.prove import folds_of, left_out, signed_ranks_above
 from tinygc.inference.solve import coverage_factor, freedom_of, left_of, orthonormal, root, solve
 
 
-def density(r: np.ndarray, covariance: np.ndarray) -> float:
+def density(r, covariance):
     return float(stats.multivariate_normal(np.zeros(len(r)), covariance).logpdf(r))
 
 
@@ -180,10 +180,10 @@ def test_each_column_alone_is_least_squares_of_it_beside_what_is_fitted_with_it(
 def test_climbing_takes_single_steps_to_the_set_of_most_evidence():
     score = {"": 10.0, "a": 6.0, "b": 7.0, "ab": 1.0, "c": 8.0, "abc": 1.5, "ac": 6.5, "bc": 9.0}
 
-    def of(names: frozenset[str]) -> Several:
+    def of(names):
         return Several(names, score["".join(sorted(names))])
 
-    def near(best: Several) -> list[Several]:
+    def near(best):
         return [of(best.ids ^ {name}) for name in "abc"]
 
     assert climb(of(frozenset()), near).ids == {"a", "b"}
@@ -199,7 +199,7 @@ def test_probabilities_and_the_average_over_sets():
 
 
 def test_scoring_ends_at_the_minimum_within_its_bounds():
-    def cost(x: np.ndarray) -> Cost:
+    def cost(x):
         return Cost(float(np.sum((x - [3.0, -1.0]) ** 2)) / 8, (x - [3.0, -1.0]) / 4, np.eye(2) / 4)
 
     x, found = lowest(cost, np.array([1.0, 1.0]), most=2.0)

@@ -2,12 +2,10 @@
 
 import os
 import sys
-from collections.abc import Sequence
-from pathlib import Path
 
 import pytest
 from conftest import ROOT
-from processes import CompletedProcess, WithoutTorch, environment, run
+from processes import WithoutTorch, environment, run
 
 import tinygc
 from session.base.texts import install_line
@@ -24,7 +22,7 @@ def test_a_net_that_needs_torch_says_so_in_one_line(simulated, monkeypatch):
 # Foreign modules of our names
 
 
-def started(*words: str, path: Sequence[Path]) -> CompletedProcess:
+def started(*words, path):
     """Python with folders of its own on the path: ``-P`` keeps the working folder, which is the checkout, off it."""
     return run([sys.executable, "-P", *words], env=environment(PYTHONPATH=os.pathsep.join(map(str, path))), capture_output=True, text=True)
 

@@ -16,7 +16,7 @@ PACKAGES = ("session", "tinygc")
 PAGE = (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8")
 
 
-def module_of(path: Path) -> str:
+def module_of(path):
     """``tinygc/closure/build.py`` → ``tinygc.closure.build``; a package's own file has the package's name."""
     parts = path.relative_to(ROOT).with_suffix("").parts
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
@@ -26,7 +26,7 @@ FILES = {module_of(path): path.read_text(encoding="utf-8") for package in PACKAG
 IMPORT = re.compile(r"^ *(?:from ([.\w]+) )?import (\([^)]*\)|[^#\n]*)", re.M)
 
 
-def imports_of(text: str, known: set[str]) -> set[str]:
+def imports_of(text, known):
     """Modules among the known that a file names: of ``from a import b``, ``a.b`` if that is a module, else ``a``."""
     found = set()
     for source, names in IMPORT.findall(text):
@@ -37,19 +37,19 @@ def imports_of(text: str, known: set[str]) -> set[str]:
 
 
 @cache
-def graph() -> dict[str, set[str]]:
+def graph():
     """Every module of both packages and what it imports of them."""
     return {module: imports_of(text, set(FILES)) - {module} for module, text in FILES.items()}
 
 
-def room_of(module: str) -> str:
+def room_of(module):
     """``tinygc.closure``; of an feature ``tinygc.features.fleet``."""
     parts = module.split(".")
     return ".".join(parts[: 3 if parts[1:2] == ["features"] else 2])
 
 
 @cache
-def rooms() -> dict[str, set[str]]:
+def rooms():
     """Every room of the core and the other rooms that it imports, features among them."""
     found: dict[str, set[str]] = {room_of(module): set() for module in FILES if module.count(".") and "features" not in room_of(module)}
     for module, others in graph().items():
@@ -58,7 +58,7 @@ def rooms() -> dict[str, set[str]]:
     return found
 
 
-def floors() -> dict[str, int]:
+def floors():
     """The floor of each room: the ground floor, 1, imports no room."""
     found: dict[str, int] = {}
     for room in TopologicalSorter(rooms()).static_order():
@@ -66,7 +66,7 @@ def floors() -> dict[str, int]:
     return found
 
 
-def circle(edges: dict[str, set[str]]) -> list[str]:
+def circle(edges):
     """One circle of the graph, or nothing."""
     try:
         TopologicalSorter(edges).prepare()

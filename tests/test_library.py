@@ -26,7 +26,7 @@ METHODS = ("raw", "least_squares")
 FIT = ("--methods", ",".join(METHODS))
 
 
-def same(mine: dict, theirs: dict, **but) -> None:
+def same(mine, theirs, **but):
     """Of a function and its command, but for paths."""
     assert json.loads(json.dumps(mine)) | but == theirs | but
 

@@ -24,7 +24,7 @@ def arrays_of(log):
     return samples.t_ns * 1e-9, samples.gyro, samples.accel, samples.temp_c
 
 
-def same(one: Session, other: Session) -> None:
+def same(one, other):
     """Every number of two sessions, to the last bit."""
     for mine, theirs in zip((*one.logs, *one.closures), (*other.logs, *other.closures), strict=True):
         for name in ("t_ns", "gyro", "accel", "temp_c"):

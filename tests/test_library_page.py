@@ -14,14 +14,14 @@ PAGE = (ROOT / "docs" / "library.md").read_text(encoding="utf-8")
 NOTEBOOK = ROOT / "docs" / "notebook.ipynb"
 
 
-def rows() -> dict[str, str]:
+def rows():
     """Command -> the name of its Python function, as the page's table has them."""
     found = re.findall(r"^- `([\w -]+)`: `([\w.]+)`(?:, `[\w\[\]]+`)?$", PAGE, re.M)
     assert len(dict(found)) == len(found), "a command has two rows"
     return dict(found)
 
 
-def there(dotted: str):
+def there(dotted):
     """What a dotted name stands for: an attribute of the longest part that is a module."""
     parts = dotted.split(".")
     for count in range(len(parts) - 1, 0, -1):
@@ -48,7 +48,7 @@ def test_every_name_of_the_page_exists():
     assert missing - {"effects", "simulation", "features", "cli"} == set()
 
 
-def cells(kind: str) -> list[str]:
+def cells(kind):
     return ["".join(cell["source"]) for cell in json.loads(NOTEBOOK.read_text(encoding="utf-8"))["cells"] if cell["cell_type"] == kind]
 
 

@@ -1,9 +1,6 @@
 """A day of readings in bounded memory: what is kept of a row, what a command holds beside it, and that nothing comes out otherwise."""
 
-from __future__ import annotations
-
 import tracemalloc
-from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -25,7 +22,7 @@ KEPT = 24.0
 READING = 75.0
 
 
-def peak_of(work: Callable[[], object]) -> tuple[float, float, object]:
+def peak_of(work):
     """Bytes a row at the most, and that are kept, of what the work gives."""
     tracemalloc.start()
     try:

@@ -3,10 +3,7 @@
 Only the files are made by the project: nothing that computes a model is imported here.
 """
 
-from __future__ import annotations
-
 import json
-from typing import Any
 
 import numpy as np
 import pytest
@@ -21,18 +18,18 @@ G_MPS2 = 9.80665
 INPUTS = ("measured_rps", "specific_force_mps2", "temperature_c")
 
 
-def bend(h: np.ndarray, slope: float | np.ndarray) -> np.ndarray:
+def bend(h, slope):
     return np.where(h >= 0, h, slope * h)
 
 
-def page_average(temperature: np.ndarray, rate_hz: float) -> np.ndarray:
+def page_average(temperature, rate_hz):
     """(N,) degC, averaged over 1 s."""
     width, last = max(1, round(rate_hz)), len(temperature) - 1
     around = np.arange(len(temperature))[:, None] - width // 2 + np.arange(width)
     return temperature[np.clip(around, 0, last)].mean(axis=1)
 
 
-def page_convolution(taps: np.ndarray, dilation: int, x: np.ndarray) -> np.ndarray:
+def page_convolution(taps, dilation, x):
     """(out, N) of x (in, N), which stood still before its first sample."""
     before = np.repeat(x[:, :1], 6 * dilation, axis=1)
     held = np.concatenate([before, x], axis=1)
@@ -40,7 +37,7 @@ def page_convolution(taps: np.ndarray, dilation: int, x: np.ndarray) -> np.ndarr
     return sum(taps[:, :, i] @ held[:, n - (6 - i) * dilation] for i in range(7))
 
 
-def page_net(table: dict[str, Any], axis: int, x: np.ndarray) -> np.ndarray:
+def page_net(table, axis, x):
     """(N,) of one axis' x (N,)."""
     y = x[None]
     for name, dilation in zip(("conv1", "conv2", "conv3"), table["dilations"], strict=True):
@@ -48,12 +45,12 @@ def page_net(table: dict[str, Any], axis: int, x: np.ndarray) -> np.ndarray:
     return y[0]
 
 
-def page_denoiser(table: dict[str, Any], rate: np.ndarray) -> np.ndarray:
+def page_denoiser(table, rate):
     """(N, 3) of rate (N, 3), each axis by itself."""
     return np.stack([page_net(table, axis, x) for axis, x in enumerate(rate.T)], axis=1)
 
 
-def page_reader(table: dict[str, Any], m: np.ndarray, force: np.ndarray, temperature: np.ndarray, rate_hz: float) -> np.ndarray:
+def page_reader(table, m, force, temperature, rate_hz):
     """(N, 3) rad/s: m (N, 3) rad/s, force (N, 3) m/s^2, temperature (N,) degC."""
     kind = table["kind"]
     w = {key: np.array(value) for key, value in table.get("weights", {}).items()}
@@ -81,7 +78,7 @@ def page_reader(table: dict[str, Any], m: np.ndarray, force: np.ndarray, tempera
     return page_reader(table["net"], (rate - B) @ np.linalg.inv(E).T, force, temperature, rate_hz)
 
 
-def random_denoiser() -> Denoiser:
+def random_denoiser():
     """Weights of either sign: the channels' sums stay positive, or no constant rate would pass."""
     return Denoiser.from_vector(np.random.default_rng(9).normal(size=(3, 56)) + 0.4).normalised()
 
@@ -95,12 +92,12 @@ PAGE = {
 }
 
 
-def exported(model: Any) -> dict[str, Any]:
+def exported(model):
     (text,) = exporter("json").export(model, context()).values()
     return json.loads(text)
 
 
-def worst(table: dict[str, Any]) -> float:
+def worst(table):
     """rad/s: the largest difference between the reader's answers and the file's own."""
     asked = table["self_test"]
     answers = page_reader(table, *(np.array(asked[key]) for key in INPUTS), asked["rate_hz"])

@@ -1,7 +1,5 @@
 """Noise figures at rest beside a session: the prior that they give, and when the session contradicts them."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -81,7 +79,7 @@ def test_a_limit_is_twice_its_median_and_no_figure_is_no_prior():
     assert _session_instability(sensor(axis_of()), 600.0) is None
 
 
-def likelihood_at(rps: float, spread: float) -> np.ndarray:
+def likelihood_at(rps, spread):
     """(B,) of a session that shows a drift of rps with a relative sigma."""
     return np.concatenate([[-1e3], -(((np.log(GRID_RPS[1:] / rps)) / spread) ** 2) / 2])
 
@@ -117,7 +115,7 @@ def test_a_limit_is_contradicted_by_more_alone():
     assert less.high == pytest.approx(0.1 * np.exp(1.96 * 0.2), rel=0.02)
 
 
-def at_rest_session(N: float, seed: int, lsb: float = 0.0, count: int = 6, rows: int = 300, period_s: float = 0.01) -> SimpleNamespace:
+def at_rest_session(N, seed, lsb=0.0, count=6, rows=300, period_s=0.01):
     """Stills of white noise N, rad/s/sqrt(Hz), two-sided; half a second around each is not still."""
     rng = np.random.default_rng(seed)
     gyro = rng.normal(size=(count * rows, 3)) * N / np.sqrt(period_s) + 0.01
@@ -193,7 +191,7 @@ def test_a_figure_is_never_confirmed():
     assert MeasuredNoise(Path("fit/noise.json"), "", None).findings("s") == []
 
 
-def with_figures(folder: Path, **more) -> Path:
+def with_figures(folder, **more):
     white = 5e-3 * DEG / np.sqrt(2)
     figures = figures_of(sensor(axis_of(N=(white, 0.02 * white), B=(3 * DPH, 0.6 * DPH))), **more)
     (folder / "fit").mkdir(exist_ok=True)

@@ -55,7 +55,7 @@ class Blocks:
 
     usual = np.array([0.5, 2.0, 1.0])
 
-    def __init__(self, blocks: int = 1, rows: int = 8, seed: int = 0, priors=(None, None, None)):
+    def __init__(self, blocks=1, rows=8, seed=0, priors=(None, None, None)):
         rng = np.random.default_rng(seed)
         n, self.priors = blocks * rows, list(priors)
         half = [rng.normal(size=(rows, rows)) for _ in range(blocks)]
@@ -65,20 +65,20 @@ class Blocks:
         self.blocks = list(np.arange(n).reshape(blocks, rows))
         self.r = np.linalg.cholesky(self.covariance([0.8, 1.5, 1.0]) + self.J @ self.J.T) @ rng.normal(size=n)
 
-    def covariance(self, s) -> np.ndarray:
+    def covariance(self, s):
         return self.base + np.tensordot(np.square(s), self.V, 1)
 
     def estimate(self, **more):
         V = [self.V[0], Sparse.of_diagonal(np.diag(self.V[1])), Sparse.of(self.V[2])]
         return estimate(self.r, self.J, self.base, V, self.usual, self.priors, self.blocks, steps=200, **more)
 
-    def definition(self, s, rows=slice(None)) -> float:
+    def definition(self, s, rows=slice(None)):
         """-2 log of the density of r, the columns' coefficients being normal, less n log 2 pi; and the squares of the priors' deviates."""
         total = (self.covariance(s) + self.J @ self.J.T)[rows][:, rows]
         deviates = [np.log(size / p.median) / p.spread for size, p in zip(s, self.priors, strict=True) if p is not None]
         return np.linalg.slogdet(total)[1] + self.r[rows] @ np.linalg.solve(total, self.r[rows]) + np.sum(np.square(deviates))
 
-    def best(self, rows=slice(None)) -> np.ndarray:
+    def best(self, rows=slice(None)):
         options = {"xatol": 1e-6, "fatol": 1e-9, "maxiter": 4000}
         return np.abs(minimize(lambda s: self.definition(np.abs(s), rows), self.usual, method="Nelder-Mead", options=options).x)
 
@@ -171,7 +171,7 @@ def test_a_component_below_a_hundredth_of_its_usual_size_is_absent(variance, the
 NOTHING = replace(undersampling(Twin(small_session())), predicted_rad=np.zeros(7), exponent=2.0, rate_hz=100.0)
 
 
-def found_in(problem, missed=NOTHING) -> dict[str, Component]:
+def found_in(problem, missed=NOTHING):
     twin = Twin(problem)
     return {c.name: c for c in first_noise(twin, Whitener(twin), missed).components}
 
@@ -189,7 +189,7 @@ def test_many_rows_have_the_factor_of_few():
         assert_allclose(whitening._factored(covariance.copy()), np.linalg.cholesky(covariance), atol=1e-13)
 
 
-def dense(component: Component) -> np.ndarray:
+def dense(component):
     return component.V if isinstance(component.V, np.ndarray) else component.V.dense()
 
 
@@ -325,7 +325,7 @@ def test_the_data_rate_that_is_needed_follows_the_law():
     assert NOTHING.rate_needed_hz(0.4, 0.1) == pytest.approx(200)
 
 
-def noise_of(sizes, *, priors=(None, None, None), names=(TURN, STILL_RATE, WANDER), usual=(1.0, 1.0, 1.0)) -> SessionNoise:
+def noise_of(sizes, *, priors=(None, None, None), names=(TURN, STILL_RATE, WANDER), usual=(1.0, 1.0, 1.0)):
     """Diagonal components of the first three rows, the next two, and a dense one of all."""
     V = [Sparse.of(np.diag([1.0, 1, 1, 0, 0, 0])), Sparse.of_diagonal(np.array([0.0, 0, 0, 1, 1, 0])), 0.5 + np.eye(6)]
     made = zip(names, V, usual, priors, strict=False)

@@ -51,16 +51,16 @@ def recording(tmp_path):
     return folder
 
 
-def contents(folder: Path) -> dict[str, bytes]:
+def contents(folder):
     return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
 
 
-def outputs(*kinds) -> list[tuple[str, str]]:
+def outputs(*kinds):
     """(command, option) of every argument that writes so."""
     return [(name, each.option_strings[-1]) for name, command in PARSERS.items() for each in command._actions if each.type in kinds]
 
 
-def least(name: str, folder: Path, option: str, path: Path) -> list[str]:
+def least(name, folder, option, path):
     """The shortest command line that has this output: whatever is read is the folder."""
     words = name.split()
     for action in PARSERS[name]._actions:

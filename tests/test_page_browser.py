@@ -54,27 +54,27 @@ def server():
     running.close()
 
 
-def awaited(browser: Browser, expression: str):
+def awaited(browser, expression):
     answer = browser.ask("Runtime.evaluate", {"expression": expression, "awaitPromise": True, "returnByValue": True})
     assert "exceptionDetails" not in answer, answer
     return answer["result"].get("value")
 
 
-def shown(browser: Browser, true: str) -> None:
+def shown(browser, true):
     until(lambda: browser.evaluate(true), lambda: awaited(browser, "new Promise(r => setTimeout(r, 20))"), true)
 
 
-def complaints(browser: Browser, server: PageServer) -> list[str]:
+def complaints(browser, server):
     """But of what these tests do themselves: read the pictures' pixels."""
     return [line for line in browser.complaints() if not line.startswith((f"fetched {server.address}", "Canvas2D: Multiple readback"))]
 
 
-def sent(server: PageServer, event: str) -> dict:
+def sent(server, event):
     """What was published last."""
     return json.loads(server._last[event].split(b"data: ", 1)[1])
 
 
-def look(browser: Browser, size: tuple[int, int], dark: bool) -> None:
+def look(browser, size, dark):
     """Another window, without loading the page again."""
     width, height = size
     browser.ask("Emulation.setDeviceMetricsOverride", {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 600})
@@ -83,7 +83,7 @@ def look(browser: Browser, size: tuple[int, int], dark: bool) -> None:
     awaited(browser, "new Promise(r => requestAnimationFrame(() => requestAnimationFrame(r)))")
 
 
-def asked(guide) -> str:
+def asked(guide):
     """What the page says to do: of several rotations the one that comes now."""
     now, advice = guide.instruction, guide.requested
     if guide.stage is not Stage.TURN or advice is None or len(advice.movements) < 2 or now.do != advice.words:
@@ -171,13 +171,13 @@ def test_keys_and_pedals_ask_and_a_note_is_typed(browser, server):
     hand.until(lambda guide: guide.accepted == 1)
     shown(browser, "document.getElementById('count').textContent.startsWith('1 of')")
 
-    def press(key: str, text: str = "") -> None:
+    def press(key, text=""):
         browser.ask("Input.dispatchKeyEvent", {"type": "keyDown", "key": key, "text": text} if text else {"type": "keyDown", "key": key})
         browser.ask("Input.dispatchKeyEvent", {"type": "keyUp", "key": key})
 
     got = []
 
-    def heard(*expected) -> bool:
+    def heard(*expected):
         got.extend(server.wishes())
         return got == list(expected)
 

@@ -51,7 +51,7 @@ def watched(guide, samples, advice=None, portion=20):
     return page, server, states
 
 
-def angle_deg(a, b) -> float:
+def angle_deg(a, b):
     a, b = np.array(a), np.array(b)
     return float(2 * min(np.linalg.norm(a - b), np.linalg.norm(a + b)) / DEG)
 
@@ -169,21 +169,21 @@ class Answer(NamedTuple):
     text: str
 
 
-def asked(server, path, method="GET", body=None, **headers) -> Answer:
+def asked(server, path, method="GET", body=None, **headers):
     with contextlib.closing(http.client.HTTPConnection("127.0.0.1", server.server_port, timeout=PATIENCE_S)) as connection:
         connection.request(method, path, body, headers)
         answer = connection.getresponse()
         return Answer(answer.status, answer.headers, answer.read().decode())
 
 
-def following(server) -> socket.socket:
+def following(server):
     """A browser that has asked for the events, and reads none of them yet."""
     made = socket.create_connection(("127.0.0.1", server.server_port), timeout=PATIENCE_S)
     made.sendall(f"GET /{server.token}/events HTTP/1.1\r\nHost: 127.0.0.1:{server.server_port}\r\n\r\n".encode())
     return made
 
 
-def wished(server, body, token=None, **headers) -> int:
+def wished(server, body, token=None, **headers):
     return asked(server, f"/{token or server.token}/wish", "POST", body, **headers).status
 
 
@@ -280,7 +280,7 @@ LONG = Advice(
 )
 
 
-def drawn(guide, changes=(), width=80) -> list[str]:
+def drawn(guide, changes=(), width=80):
     console = Console(file=io.StringIO(), width=width, force_terminal=True, color_system=None, highlight=False)
     console.print(view(guide, "data/session2 · /dev/ttyACM0", changes))
     return console.file.getvalue().splitlines()
@@ -316,7 +316,7 @@ def terminal(monkeypatch):
     os.close(master)
 
 
-def typed(keys: Keyboard, master: int, data: bytes) -> str:
+def typed(keys, master, data):
     os.write(master, data)
     return until(keys, what="a key")
 

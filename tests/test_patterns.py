@@ -6,7 +6,6 @@ import importlib
 import re
 import sys
 import time
-from collections.abc import Iterator
 from itertools import product
 from pathlib import Path
 from re import _constants as code
@@ -48,13 +47,13 @@ class Used(NamedTuple):
 class _Names(dict):
     """A module's names, and a stand-in for each that only a function's call gives a value."""
 
-    def __missing__(self, name: str) -> str:
+    def __missing__(self, name):
         if hasattr(builtins, name):
             raise KeyError(name)
         return "x"
 
 
-def patterns() -> dict[str, Used]:
+def patterns():
     """{file and line: pattern} of every call of ``re``'s functions, and of what a module makes of its tables while it is imported."""
     trees = {}
     for path in [ROOT / "calibrate.py", *sorted((ROOT / "session").rglob("*.py")), *sorted((ROOT / "tinygc").rglob("*.py"))]:
@@ -91,11 +90,11 @@ def patterns() -> dict[str, Used]:
     return found
 
 
-def _value(node: ast.expr, known: dict) -> object:
+def _value(node, known):
     return eval(compile(ast.Expression(node), "", "eval"), {}, known)
 
 
-def _within(values: list) -> list[re.Pattern]:
+def _within(values):
     """Patterns that stand in lists, tuples and dictionaries."""
     inner = [each for value in values if isinstance(value, list | tuple) for each in value]
     inner += [each for value in values if type(value) is dict for each in value.values()]
@@ -105,7 +104,7 @@ def _within(values: list) -> list[re.Pattern]:
 class _Parts:
     """Of a pattern: a text that it takes, what stands before each of its repeats, and a character of each kind that it tells apart."""
 
-    def __init__(self, pattern: re.Pattern):
+    def __init__(self, pattern):
         self._ignore_case, self._binary = bool(pattern.flags & re.IGNORECASE), isinstance(pattern.pattern, bytes)
         self._atoms: list[list] = []
         self.beginnings = {"": None}
@@ -113,7 +112,7 @@ class _Parts:
         kinds = {tuple(self._has(atom, each) for atom in self._atoms): each for each in CHARACTERS if not self._binary or ord(each) < 128}
         self.characters = list(kinds.values())
 
-    def _has(self, atom: list, character: str) -> bool:
+    def _has(self, atom, character):
         forms = {character, character.lower(), character.upper()} if self._ignore_case else {character}
         inside = any(
             (kind is code.LITERAL and chr(value) in forms)
@@ -123,7 +122,7 @@ class _Parts:
         )
         return inside != (atom[0][0] is code.NEGATE)
 
-    def _text(self, tree, before: str = "") -> str:
+    def _text(self, tree, before=""):
         made = ""
         for kind, value in tree:
             if kind in (code.LITERAL, code.NOT_LITERAL, code.IN, code.ANY):
@@ -143,14 +142,14 @@ class _Parts:
                 self._text(value[1], before + made)
         return made
 
-    def texts(self) -> Iterator[tuple[str, str, str]]:
+    def texts(self):
         """(beginning, what is repeated, end)."""
         for beginning, repeated in product(self.beginnings, filter(None, [*self.characters, self.whole])):
             yield from ((beginning, repeated, end) for end in ("", BAD))
         yield from (("", one + other, BAD) for one, other in product(self.characters, repeat=2) if one != other)
 
 
-def _seconds(used: Used, text: str, tries: int = 1) -> float:
+def _seconds(used, text, tries=1):
     taken = []
     data = text.encode("latin-1", "replace") if isinstance(used.pattern.pattern, bytes) else text
     for _ in range(tries):
@@ -164,7 +163,7 @@ def _seconds(used: Used, text: str, tries: int = 1) -> float:
     return min(taken)
 
 
-def worse_than_linear(used: Used) -> str | None:
+def worse_than_linear(used):
     """A text that takes three times as long for twice its length; None where there is none."""
     for beginning, repeated, end in _Parts(used.pattern).texts():
         before = 0.0

@@ -92,12 +92,12 @@ def test_directions_that_few_turns_leave_open_are_known_as_the_prior_knows_them(
 # What explain asked for.
 
 
-def explained(folder, text) -> None:
+def explained(folder, text):
     (folder / "explain").mkdir(parents=True, exist_ok=True)
     (folder / "explain" / "explain.json").write_text(text)
 
 
-def asking(**more) -> str:
+def asking(**more):
     return json.dumps({"schema": "tinygc-explain/2", **more})
 
 

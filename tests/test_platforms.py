@@ -4,8 +4,6 @@ The modules that Windows lacks are hidden in a process of its own.  pyserial wou
 own back end: a stand-in of the same names is put in its place.
 """
 
-from __future__ import annotations
-
 import re
 import sys
 
@@ -45,12 +43,12 @@ sys.modules.update({"serial": serial, "serial.tools": tools, "serial.tools.list_
 """
 
 
-def hidden(code: str, **more) -> processes.CompletedProcess:
+def hidden(code, **more):
     """Run Python in which the POSIX modules are not there."""
     return processes.run([sys.executable, "-c", HIDE + code], capture_output=True, text=True, **more)
 
 
-def calibrate(*arguments) -> processes.CompletedProcess:
+def calibrate(*arguments):
     return hidden(f"import calibrate; sys.exit(calibrate.main({[str(argument) for argument in arguments]!r}))")
 
 

@@ -12,14 +12,14 @@ from session.log.samples import PackedReadings, Packer, inserted, mapped, pick, 
 RNG = np.random.default_rng(8)
 
 
-def packer_of(*tables: np.ndarray) -> Packer:
+def packer_of(*tables):
     packer = Packer()
     for table in tables:
         packer.add(table)
     return packer
 
 
-def packed(*tables: np.ndarray) -> PackedReadings:
+def packed(*tables):
     return packer_of(*tables).readings(times(1.0), short=0)
 
 
@@ -81,7 +81,7 @@ def test_rows_and_columns_are_those_of_the_array(which, put_in, turned):
     assert_array_equal(found[which], true[which])
 
 
-def swapped(values: np.ndarray) -> np.ndarray:
+def swapped(values):
     """An exact change of axes."""
     return values[..., [2, 0, 1]] * [1.0, -1.0, 2.0] + 0.5
 

@@ -1,7 +1,5 @@
 """What was received is on disk, whatever happens, and its raw bytes replay to the same logs: the port, raw.bin, raw.times, the logs."""
 
-from __future__ import annotations
-
 import errno
 import fcntl
 import multiprocessing
@@ -11,7 +9,6 @@ import signal
 import termios
 import threading
 import time
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -51,7 +48,7 @@ def _in_no_time(monkeypatch):
         monkeypatch.setattr(f"session.bench.{name}", seconds)
 
 
-def frames_of(count, *more) -> bytes:
+def frames_of(count, *more):
     return b"".join(frame_list(*sent(count, *more)))
 
 
@@ -116,7 +113,7 @@ def logs_of(folder):
     return {path.name: path.read_bytes() for path in folder.glob("*.csv")}
 
 
-def stamps(text: bytes) -> list[int]:
+def stamps(text):
     return [int(line.split(b",")[0]) for line in text.splitlines() if line[:1].isdigit()]
 
 
@@ -176,7 +173,7 @@ def test_marks_that_make_no_sense_decide_nothing():
 TEXT = "".join(f"{i},a line of it\n" for i in range(2000))
 
 
-def written(path: Path, text: str, portions=(1, 50, 10_000)) -> GrowingFile:
+def written(path, text, portions=(1, 50, 10_000)):
     file, start, k = GrowingFile(path), 0, 0
     while start < len(text):
         file.write(text[start : start + portions[k % len(portions)]])
@@ -396,13 +393,13 @@ def test_two_recordings_in_one_folder(wire, other_wire, tmp_path):
 class FullDisk:
     """``os``, with a disk on which the raw file may grow by ``room`` bytes."""
 
-    def __init__(self, room: int):
+    def __init__(self, room):
         self.room = room
 
-    def __getattr__(self, name: str) -> object:
+    def __getattr__(self, name):
         return getattr(os, name)
 
-    def write(self, file: int, data: bytes) -> int:
+    def write(self, file, data):
         """As ``os.write``, while there is room."""
         if not self.room:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
@@ -411,7 +408,7 @@ class FullDisk:
         return written
 
 
-def _record_for_ever(folder: Path, name: str) -> None:
+def _record_for_ever(folder, name):
     parent, recorder = os.getppid(), Recorder(folder, name)
     while os.getppid() == parent:  # else the test has been killed
         recorder.poll(0.01)

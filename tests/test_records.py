@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 import pytest
@@ -30,7 +30,7 @@ class Measured:
     beside: object = None
 
     @property
-    def words(self) -> Annotated[str, Key("description")]:
+    def words(self):
         return f"{self.size:g} {self.unit}"
 
 
@@ -47,7 +47,7 @@ class File:
     where: Annotated[str, DERIVED] = "here"
 
     @staticmethod
-    def fault(table: dict[str, Any]) -> str:
+    def fault(table):
         return "rows is of two rows" if len(table.get("rows", ())) == 2 else ""
 
 

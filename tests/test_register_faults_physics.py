@@ -37,20 +37,20 @@ from tinygc.explanation.faulty_readings import (
 LSB = 17.5e-3 * DEG
 
 
-def samples_of(gyro, accel=None) -> Samples:
+def samples_of(gyro, accel=None):
     """At 100 Hz; level and at rest where no accelerometer is given."""
     accel = np.tile([0.0, 0.0, -9.8], (len(gyro), 1)) if accel is None else accel
     return Samples(np.arange(len(gyro)) * 10_000_000, gyro, accel, np.arange(len(gyro)) * 0.01)
 
 
-def noisy(count=1000, seed=0) -> Samples:
+def noisy(count=1000, seed=0):
     """A still of noise of some steps of the registers."""
     rng = np.random.default_rng(seed)
     gyro = np.rint(rng.normal(0, 4, (count, 3))) * LSB
     return samples_of(gyro, np.rint(np.add(rng.normal(0, 40, (count, 3)), [0, 0, 8000])) * 1.2e-3)
 
 
-def session_with(*logs: Samples, bridges=()) -> Session:
+def session_with(*logs, bridges=()):
     files = tuple(Log(Path(f"log{i:04}.csv"), samples, bridges=tuple(bridges)) for i, samples in enumerate(logs))
     return Session(Path("made"), config(odr_hz=100.0), files, ())
 

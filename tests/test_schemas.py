@@ -4,7 +4,6 @@ What the commands write is held against the schemas wherever it is held against 
 """
 
 import json
-from collections.abc import Iterator
 
 import pytest
 from conftest import ROOT
@@ -70,7 +69,7 @@ def test_the_types_of_a_row_are_those_of_its_keys_in_order():
     assert not typed.is_valid({key: value for key, value in table.items() if key != "g"})
 
 
-def paths(part: dict, path: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
+def paths(part, path=()):
     """Of every value that is no table, lists left out, ``<>`` for any key."""
     inner = [each for each in part.get("anyOf", ()) if each != {"type": "null"}]
     for each in [*inner, *([part["items"]] if "items" in part else [])]:
@@ -93,7 +92,7 @@ def test_every_record_has_the_keys_of_its_page():
             assert {known for known in page if not any(_of_one(path, known) for path in schema)} == set(), name
 
 
-def _of_one(path: tuple[str, ...], known: tuple[str, ...]) -> bool:
+def _of_one(path, known):
     return all(one == other for one, other in zip(path, known, strict=False))
 
 

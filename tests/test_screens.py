@@ -15,7 +15,6 @@ import struct
 import subprocess
 import sys
 from dataclasses import dataclass
-from pathlib import Path
 
 import processes
 import pytest
@@ -105,7 +104,7 @@ SCREENS = (
 )
 
 
-def shown(sent: str) -> list[str]:
+def shown(sent):
     """The lines that stay: carriage returns, moves upwards and erased lines carried out."""
     lines, row, column = [""], 0, 0
     for token in TOKEN.findall(sent):
@@ -129,7 +128,7 @@ def shown(sent: str) -> list[str]:
 
 
 @functools.cache
-def screen_of(words: str, folder: Path) -> tuple[int, list[str]]:
+def screen_of(words, folder):
     """Exit code and screen of a command that runs in a folder, once."""
     import fcntl
     import pty
@@ -159,7 +158,7 @@ def screen_of(words: str, folder: Path) -> tuple[int, list[str]]:
     return process.returncode, shown(sent.decode())
 
 
-def at_fault(line: str) -> bool:
+def at_fault(line):
     """Whether a line is too long, or has what no screen has."""
     return len(line) > WIDTH or "…" in line or "..." in line or bool(EXPONENT.search(line) or DIALECT.search(line))
 

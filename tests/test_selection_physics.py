@@ -27,12 +27,12 @@ N = 90
 A, B, C = effect("a", 2), effect("b", 3), effect("c", 1)
 
 
-def without(columns: np.ndarray, r: np.ndarray) -> np.ndarray:
+def without(columns, r):
     """What least squares leaves of r."""
     return r - columns @ np.linalg.lstsq(columns, r, rcond=None)[0]
 
 
-def design(seed: int = 0, groups: int = 9) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+def design(seed=0, groups=9):
     """Seven nuisance columns, and groups that resemble one another, as delays and lags do."""
     rng = np.random.default_rng(seed)
     shared = rng.normal(size=(N, 3))
@@ -40,7 +40,7 @@ def design(seed: int = 0, groups: int = 9) -> tuple[np.ndarray, dict[str, np.nda
     return rng.normal(size=(N, 7)), of
 
 
-def residuals(*shape) -> np.ndarray:
+def residuals(*shape):
     return np.random.default_rng(3).standard_normal((N, *shape))
 
 
@@ -121,7 +121,7 @@ def test_family_wise_p_counts_draws_and_beyond_them_is_sidaks(seed):
     assert selection.p_value(residuals()) == selection.family_wise(float(selection.lowest_log_p(residuals(1))[0]))
 
 
-def leaning(share: float, onto: np.ndarray) -> np.ndarray:
+def leaning(share, onto):
     """A column of which ``share`` stands beside the columns."""
     free = without(onto, np.random.default_rng(6).normal(size=len(onto)))
     return (onto[:, 0] / np.linalg.norm(onto[:, 0]) + share * free / np.linalg.norm(free))[:, None]
@@ -162,7 +162,7 @@ def test_the_noise_scale_comes_from_known_angles_and_stills_rates():
     assert_allclose(selection.lowest_log_p(r), by_hand.lowest_log_p(r), rtol=1e-6)
 
 
-def bump(center: float, n: int, width: float = 6.0) -> np.ndarray:
+def bump(center, n, width=6.0):
     return np.exp(-(((np.arange(n) - center) / width) ** 2))[:, None]
 
 
@@ -212,7 +212,7 @@ def test_the_linear_estimate_is_a_ridge_regression():
 # Evidence.
 
 
-def of_scale(P: int) -> float:
+def of_scale(P):
     """-2 log of the best scale's share in the integral over all scales: Laplace's formula, which takes it for 1."""
     return -2 * ((P / 2) * np.log(P) - P / 2 - (P / 2 - 1) * np.log(2) - special.gammaln(P / 2))
 
@@ -224,11 +224,11 @@ def spoilt_twin(*spoilt, seed=0):
     return twin
 
 
-def sizes(hypothesis) -> list[np.ndarray]:
+def sizes(hypothesis):
     return [claim.theta for claim in hypothesis.fit.state.claims]
 
 
-def of_calibration(twin, hypothesis) -> float:
+def of_calibration(twin, hypothesis):
     """What the wide prior of the calibration takes off the density: the score leaves it out."""
     moved = (hypothesis.fit.state.vector[:15] - twin.start().vector) / PRIORS
     return float(moved @ moved - moved[12:14] @ moved[12:14])
@@ -332,16 +332,16 @@ Fit = make_dataclass("Fit", ["r", "J", "state"])
 class Scores:
     """Evidence by tables: exact scores of sets of names, 1000 where none is given; guesses differ from them by ``off``."""
 
-    def __init__(self, scores: dict[str, float], off: dict[str, float] | None = None, effects=EFFECTS):
+    def __init__(self, scores, off=None, effects=EFFECTS):
         self.scores, self.off, self.effects, self.weighed, self.removed = scores, off or {}, effects, [], []
         self.basis = np.linalg.qr(np.random.default_rng(0).normal(size=(30, 21)))[0]
         self.whiten = self.first_whiten = SimpleNamespace(each=iter)
         self.twin = None
 
-    def named(self, names: str):
+    def named(self, names):
         return self.of(tuple(self.effects[name] for name in names), None)
 
-    def _key(self, effects) -> str:
+    def _key(self, effects):
         return "".join(sorted(each.id[-1] for each in effects))
 
     def of(self, effects, begin):
@@ -375,7 +375,7 @@ class _Hypothesis(Guess):
         self.__dict__ |= {"effects": effects, "score": score, "fit": fit, "whiten": whiten}
 
 
-def names_of(hypothesis) -> str:
+def names_of(hypothesis):
     return "".join(sorted(name[-1] for name in hypothesis.ids))
 
 
@@ -513,7 +513,7 @@ def test_the_detection_limit_removes_the_least_gain_along_half_of_the_directions
     assert 0 < np.isfinite(list(sizes.values())).sum() < len(sizes) < len(tried)
 
 
-def guess(score: float, *names: str) -> Guess:
+def guess(score, *names):
     return Guess(tuple(SimpleNamespace(id=name) for name in names), score)
 
 

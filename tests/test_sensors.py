@@ -54,7 +54,7 @@ def test_registers_mean_what_the_data_sheet_says(model, dps, per_dps, g, per_g, 
     assert units.temperature_lsb(found, 1) == pytest.approx(register, abs=1e-9)
 
 
-def spelt(name: str, rng: np.random.Generator) -> str:
+def spelt(name, rng):
     """A name as people write it."""
     parts = re.findall(r"[A-Za-z]+|[0-9]+", name)
     text = parts[0] + "".join(str(rng.choice(["", "-", "_", " ", "."])) + part for part in parts[1:])

@@ -35,7 +35,7 @@ still_s = 1.5
 """
 
 
-def file_of(folder, like=None, odr_hz=None, gyro_fs_dps=None, accel_fs_g=None, bench=None) -> SessionFile:
+def file_of(folder, like=None, odr_hz=None, gyro_fs_dps=None, accel_fs_g=None, bench=None):
     return SessionFile(folder, like, odr_hz, gyro_fs_dps, accel_fs_g, bench=bench)
 
 

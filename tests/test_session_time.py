@@ -25,7 +25,7 @@ from tinygc.simulation.write import write_session
 RATE_HZ = 1 / SAMPLES.period_s
 
 
-def stepped(at_s: float) -> PhysicsModel:
+def stepped(at_s):
     step = catalogue()["gyro.bias_step"].at(at_s)
     return PhysicsModel(LINEAR, (*physics("gyro.g_sensitivity").claims, AppliedEffect(step, np.array([1e-3, 2e-3, -3e-3]))), KNOWN)
 

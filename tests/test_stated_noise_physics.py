@@ -92,11 +92,11 @@ class Estimate:
         self.first = self.residuals(self.at)
         self.model = LinearModel(TRUE.E, -TRUE.E @ self.problem.rest_rps) if stills else TRUE
 
-    def whole(self, at, problem) -> np.ndarray:
+    def whole(self, at, problem):
         """All twelve of the numbers that are fitted."""
         return np.append(at, -at.reshape(3, 3) @ problem.rest_rps) if self.stills else at
 
-    def residuals(self, at, y=None, earth=None) -> np.ndarray:
+    def residuals(self, at, y=None, earth=None):
         """In sigmas: of the numbers, errors y (n,) of the channels, and a further rate (3,) of the Earth in the table's axes."""
         problem = self.moved(y, earth)
         vector, rates = self.whole(at, problem), problem.still_rates
@@ -121,41 +121,41 @@ class Estimate:
         return with_still_bias(problem) if self.stills else problem
 
     @cached_property
-    def turned_back(self) -> np.ndarray:
+    def turned_back(self):
         """(S, T, 3, 3) from the table to the body, by scipy."""
         batch = self.plain.batch
         start, body = Rotation.from_quat(batch.start, scalar_first=True), batch.rate @ TRUE.E.T + TRUE.B - batch.earth
         return np.array([attitudes_by_scipy(*each).inv().as_matrix() for each in zip(start, body, batch.dt, strict=True)])
 
-    def closures(self, y=None, earth=None) -> np.ndarray:
+    def closures(self, y=None, earth=None):
         """In rad, of the true numbers with these errors."""
         return self.residuals(self.at, y, earth)[: self.closure] / self.weight
 
     @cached_property
-    def closures_by_error(self) -> np.ndarray:
+    def closures_by_error(self):
         """(…, n) by the error of each channel."""
         return numeric_jacobian(self.closures, np.zeros(self.count), 1e-4)
 
-    def solved(self, y=None, earth=None) -> np.ndarray:
+    def solved(self, y=None, earth=None):
         """The twelve numbers with these errors."""
         at = self.at - np.linalg.solve(self.hessian, self.jacobian.T @ (self.residuals(self.at, y, earth) - self.first))
         return self.whole(at, self.moved(y, earth))
 
     @cached_property
-    def response(self) -> np.ndarray:
+    def response(self):
         """(12, n) by the error of each channel; of the lengths none."""
         n = self.count - self.number
         by_error = numeric_jacobian(lambda y: self.solved(np.append(y, np.zeros(self.number))), np.zeros(n), 1e-4)
         return np.pad(by_error, ((0, 0), (0, self.number)))
 
     @cached_property
-    def by_earth(self) -> np.ndarray:
+    def by_earth(self):
         """(12, 3) by the Earth's rate in the table's axes."""
         return numeric_jacobian(lambda earth: self.solved(earth=earth), np.zeros(3), 1e-5)
 
 
 @cache
-def made(case, **more) -> Estimate:
+def made(case, **more):
     return Estimate(**(CASES[case] | more))
 
 
@@ -166,7 +166,7 @@ def under(problem, source, mean_rps=MEAN_RPS):
     return found
 
 
-def loud(problem) -> StatedNoise:
+def loud(problem):
     """Noise with components of all kinds, of sizes that all count."""
     twin = Twin(problem)
     whiten = Whitener(twin)
@@ -260,7 +260,7 @@ def test_the_goodness_of_fit_is_chi_square_of_what_free_numbers_leave(case, time
     assert (inflation > 1.0) is (times > 1)
 
 
-def twice_minus_log(s, y, J, base, components) -> float:
+def twice_minus_log(s, y, J, base, components):
     """-2 log of the density of rows y (n,) with the columns' coefficients normal, and of the sizes' priors."""
     C = base + J @ J.T
     value = 0.0
@@ -270,7 +270,7 @@ def twice_minus_log(s, y, J, base, components) -> float:
     return value + np.linalg.slogdet(C)[1] + y @ np.linalg.solve(C, y)
 
 
-def by_force(twin) -> np.ndarray:
+def by_force(twin):
     """(n, 12) what each error of the accelerometer's bias (3) and matrix (9, row by row, at 1 g) adds to the residuals, m/s^2: attitudes
     by scipy, rotated the shortest way to where gravity is vertical."""
     down = twin.force / np.linalg.norm(twin.force, axis=1, keepdims=True)
@@ -340,14 +340,14 @@ def test_the_noise_is_what_makes_the_residuals_most_probable(kind):
     assert_allclose(found.accelerometer @ found.accelerometer.T, expected, atol=2e-3 * np.abs(expected).max())
 
 
-def joint_columns_of(joint, n) -> np.ndarray:
+def joint_columns_of(joint, n):
     """(n + Q, 9) of the stacked channels; a still's rate does not depend on the accelerometer."""
     count = n - 3 * len(joint.force)
     design = joint.system.design[:, :9]
     return np.concatenate([design[:count], np.zeros((3 * len(joint.force), 9)), design[count:]])
 
 
-def by_values(joint) -> np.ndarray:
+def by_values(joint):
     """(9, S d + Q) by each row's error: the joint system solved anew."""
     system = replace(joint.system, vague=False)
     size = 1e-4

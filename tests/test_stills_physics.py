@@ -15,7 +15,6 @@ from session.detect.stills import (
     AT_ONCE,
     Noise,
     SessionStills,
-    Still,
     _mean_as_a_slope_weighs,
     _trend_of,
     _usual_rate,
@@ -47,16 +46,16 @@ SPREAD = 2 * WANDER / 0.6745 / np.sqrt(2)
 class Blocks:
     """A log of blocks of 0.1 s: gyro_mean, gyro, force, accel (B, 3), of which a test changes some."""
 
-    def __init__(self, count: int = 40):
+    def __init__(self, count=40):
         up_down = np.where(np.arange(count) % 2, -1.0, 1.0)
         self.gyro_mean, self.gyro = np.tile(WANDER * up_down[:, None], 3), np.full((count, 3), GYRO)
         self.force, self.accel = np.tile([0.0, 0.0, -G], (count, 1)), np.full((count, 3), ACCEL)
 
-    def loud(self, *blocks: int) -> "Blocks":
+    def loud(self, *blocks):
         self.gyro[list(blocks)] = 10 * GYRO
         return self
 
-    def samples(self, period_s: float = 0.0125, more: int = 0) -> Samples:
+    def samples(self, period_s=0.0125, more=0):
         t_ns = np.rint(np.arange(8 * len(self.gyro) + more) * period_s / NS).astype(np.int64)
         gyro, accel = (
             (mean[:, None] + size[:, None] * PATTERN[:, None]).reshape(-1, 3)
@@ -65,7 +64,7 @@ class Blocks:
         rest = np.zeros((more, 3))
         return Samples(t_ns, np.concatenate([gyro, rest]), np.concatenate([accel, rest]), 20 + t_ns * NS)
 
-    def stills(self, still_s: float = 1.0, period_s: float = 0.0125) -> list[Still]:
+    def stills(self, still_s=1.0, period_s=0.0125):
         return find_stills(self.samples(period_s), still_s)[0]
 
 

@@ -1,7 +1,5 @@
 """The stream decoder: what is sent arrives, what is spoilt is left out, nothing else comes, and no stream costs more than its bytes."""
 
-from __future__ import annotations
-
 import binascii
 import struct
 import sys
@@ -34,7 +32,7 @@ from session.log.registers import RegisterUnits
 # Frames, byte by byte.
 
 
-def by_hand(body: bytes) -> bytes:
+def by_hand(body):
     """CRC behind, then COBS as Cheshire and Baker define it: groups that end before each zero, each with its length in front."""
     check = binascii.crc_hqx(body, 0xFFFF)
     plain = body + bytes([check & 0xFF, check >> 8])
@@ -111,32 +109,32 @@ HELLO = frames.encode_info(0, INFO)
 REGISTERS = bytes.fromhex("50540044001000000020")
 
 
-def frame(body: bytes) -> bytes:
+def frame(body):
     return frames.encode_blocks(np.frombuffer(body, np.uint8)[None]).tobytes()
 
 
 def board_frame(
-    source: int = 1,
-    sequence: int = 0,
-    baud: int = 921600,
-    odr_hz: float = 417.0,
-    freq_fine: int = -4,
-    who: int = 0x6B,
-    state: int = 3,
-) -> bytes:
+    source=1,
+    sequence=0,
+    baud=921600,
+    odr_hz=417.0,
+    freq_fine=-4,
+    who=0x6B,
+    state=3,
+):
     head = struct.pack("<BBBBBBb", source, state, 1, 2, 3, who, freq_fine)
     return frame(struct.pack("<BH", 0x05, sequence) + head + REGISTERS + struct.pack("<If", baud, odr_hz))
 
 
-def faults_frame(sequence: int = 0, **counts: int) -> bytes:
+def faults_frame(sequence=0, **counts):
     return frame(struct.pack("<BH17I", 0x06, sequence, *(counts.get(name, 0) for name in FAULTS)))
 
 
-def done_frame(sequence: int, command: int, result: int) -> bytes:
+def done_frame(sequence, command, result):
     return frame(struct.pack("<BHBB", 0x07, sequence, command, result))
 
 
-def self_test_frame() -> bytes:
+def self_test_frame():
     return frame(struct.pack("<BHH6f", 0x08, 0, 2, 300, 310, 320, 90, 95, 100))
 
 
@@ -344,14 +342,14 @@ BOARD = Info(500, 4, 1666.5, "77", "MPU-9250", -33.9)
 COMMENT = f"# {BOARD.text}\n".encode()
 
 
-def values_of(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+def values_of(count, seed=0):
     """Stamps (count,) us and numbers (count, 7) in dps, g and degC with the digits that a board prints."""
     t_us, registers = sent(count, seed=seed)
     scale = [UNITS.gyro_rps / DEG] * 3 + [UNITS.accel_mps2 / 9.80665] * 3 + [1 / 256]
     return t_us, np.round(registers * np.array(scale) + np.array([0] * 6 + [25.0]), 5)
 
 
-def lines_of(t_us, values, header=HEADER, time=lambda t: str(t)) -> list[bytes]:
+def lines_of(t_us, values, header=HEADER, time=lambda t: str(t)):
     rows = zip(t_us.tolist(), values.tolist(), strict=True)
     return [f"{header}\n".encode(), *(f"{time(t)},{','.join(f'{x:.5f}' for x in row)}\n".encode() for t, row in rows)]
 
@@ -534,11 +532,11 @@ KEPT = 600  #: bytes that may be kept from one portion to the next, and are look
 CALLS_EACH = 1500  #: of functions, for each portion
 
 
-def work(data: bytes) -> tuple[float, float]:
+def work(data):
     """Bytes looked at and functions called, for each byte, less what each portion may cost."""
     decoder, before, calls = StreamDecoder(), sys.getprofile(), 0
 
-    def seen(frame: object, event: str, argument: object) -> None:
+    def seen(frame, event, argument):
         nonlocal calls
         calls += event in ("call", "c_call")
 

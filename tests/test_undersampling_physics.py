@@ -28,7 +28,7 @@ QUIET = Noise(np.full(3, 1e-9), np.full(3, 1e-9))
 STEPS = {62.5: 32, 100.0: 20, 200.0: 10}
 
 
-def motion(exponent: float, seed: int, below_hz: float = np.inf, dps: float = 60.0) -> np.ndarray:
+def motion(exponent, seed, below_hz=np.inf, dps=60.0):
     """Rates (TURNS, N, 3) rad/s on the fine grid: random, their spectrum (1 + (f / 2 Hz)²)^(-p/2), within a bell; none above a limit."""
     rng = np.random.default_rng(seed)
     f = np.fft.rfftfreq(TURN, 1 / FINE_HZ)
@@ -40,7 +40,7 @@ def motion(exponent: float, seed: int, below_hz: float = np.inf, dps: float = 60
     return np.pad(turns.transpose(0, 2, 1), ((0, 0), (REST, REST), (0, 0)))
 
 
-def sampled(fine: np.ndarray, rate_hz: float, mdps: float = 0.0) -> tuple[Samples, list[Still]]:
+def sampled(fine, rate_hz, mdps=0.0):
     """One log of all turns, level, and the stills between them; white noise of one-sided density."""
     gyro = fine[:, :: STEPS[rate_hz]].reshape(-1, 3)
     gyro = gyro + np.random.default_rng(1).normal(size=gyro.shape) * mdps * 1e-3 * DEG * np.sqrt(rate_hz / 2)
@@ -55,14 +55,14 @@ def sampled(fine: np.ndarray, rate_hz: float, mdps: float = 0.0) -> tuple[Sample
     return Samples(t_ns, gyro, np.broadcast_to(down, gyro.shape), None), stills
 
 
-def tilt_missed(fine: np.ndarray, rate_hz: float) -> float:
+def tilt_missed(fine, rate_hz):
     """rms rad of tilt over the turns: the sum of readings less the fine integral."""
     step = STEPS[rate_hz]
     error = fine[:, ::step].sum(axis=1) * step / FINE_HZ - fine.sum(axis=1) / FINE_HZ
     return float(np.sqrt(np.mean(np.sum(error[:, :2] ** 2, axis=1))))
 
 
-def looked(samples: Samples, stills: list[Still], mdps: float = 5.0):
+def looked(samples, stills, mdps=5.0):
     """What the first look says of fast motion; the sensor's noise as it is."""
     noise = Noise(np.full(3, mdps * 1e-3 * DEG), np.full(3, 1e-9))
     made = config(gyro_fs_dps=2000.0)

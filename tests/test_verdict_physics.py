@@ -73,7 +73,7 @@ def test_a_file_says_whether_its_method_is_worse_than_raw(mine, raw, segments, w
         assert worse_in_table(other, method) is None
 
 
-def used(tilts: dict[str, float], segments=40, numbers=None):
+def used(tilts, segments=40, numbers=None):
     """Each method closes all segments alike but for a part in ten thousand, so that Wilcoxon's p is a power of two."""
     parameters = {"raw": 0, "least_squares": 12, "tinygc": 27, "tinygc_denoised": 195, "physics": 15}
     shape, model = np.linspace(1, 1.0001, segments)[:, None] * [0.6, 0.8], SimpleNamespace(undone=())

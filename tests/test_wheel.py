@@ -35,7 +35,7 @@ class Built:
 
 
 @pytest.fixture(scope="module")
-def built(tmp_path_factory) -> Built:
+def built(tmp_path_factory):
     pytest.importorskip("build", reason="python -m pip install build")
     folder = tmp_path_factory.mktemp("built")
     source = folder / "source"
@@ -47,7 +47,7 @@ def built(tmp_path_factory) -> Built:
 
 
 @pytest.fixture(scope="module")
-def installed(built, tmp_path_factory) -> Path:
+def installed(built, tmp_path_factory):
     """The commands' folder of an environment that holds the wheel; what the wheel depends on is seen through a path."""
     folder = tmp_path_factory.mktemp("environment")
     venv.create(folder, with_pip=False)

@@ -19,7 +19,7 @@ def twin():
     return Twin(build_problem(simulate(options).session))
 
 
-def changed(twin: Twin, number: int, rate) -> Twin:
+def changed(twin, number, rate):
     """The same twin with ``rate`` (N, 3) rad/s added within one still."""
     (log,), (_, still) = twin.problem.logs, twin.stills[number]
     gyro = log.samples.gyro.copy()

@@ -1,7 +1,5 @@
 """What the commands say: the worst first and the verdict last, one sign for one number, help and version, what is left when quiet."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -16,7 +14,7 @@ from tinygc.reporting.tables import finding_lines, verdict_line
 from tinygc.verdict.model_tests import ModelTest
 
 
-def printed(renderable) -> list[str]:
+def printed(renderable):
     console = PlainConsole(width=200)
     with console.capture() as captured:
         console.print(renderable)

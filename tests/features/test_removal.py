@@ -1,7 +1,5 @@
 """Features can be removed: without their folders, and without PyTorch, the core's commands run, and nothing in the core names them."""
 
-from __future__ import annotations
-
 import inspect
 import json
 import os
@@ -61,7 +59,7 @@ print(json.dumps(codes))
 """
 
 
-def without(names: tuple[str, ...], folder: Path) -> Path:
+def without(names, folder):
     """The product, as links, in which these features are removed."""
     for path in (ROOT / "session", ROOT / "calibrate.py", ROOT / "data"):
         (folder / path.name).symlink_to(path)
@@ -73,7 +71,7 @@ def without(names: tuple[str, ...], folder: Path) -> Path:
     return folder
 
 
-def run(folder: Path, *commands: str) -> tuple[list[object], str, list[list[str]]]:
+def run(folder, *commands):
     """Exit codes; what was printed; of each command the lines on standard error."""
     words = json.dumps([command.split() for command in commands])
     environment = processes.environment(PYTHONPATH=str(folder), TINYGC_DEFAULTS="")
@@ -83,7 +81,7 @@ def run(folder: Path, *commands: str) -> tuple[list[object], str, list[list[str]
     return json.loads(codes), printed, [part.splitlines()[1:] for part in done.stderr.split("# ")[1:]]
 
 
-def gone(names: tuple[str, ...], folder: Path) -> dict[str, str]:
+def gone(names, folder):
     """Commands that these features served -> what the line says that anything unknown gets."""
     found = {}
     for name in names:
@@ -106,7 +104,7 @@ def gone(names: tuple[str, ...], folder: Path) -> dict[str, str]:
     return found
 
 
-def hold(names: tuple[str, ...], folder: Path, job: tuple[str, ...]) -> None:
+def hold(names, folder, job):
     without(names, folder)
     expected = gone(names, folder)
     codes, printed, lines = run(folder, *job, *expected)

@@ -1,11 +1,8 @@
 """The sensor's driver of firmware/, compiled for this machine, on the four functions of driver_fake.c."""
 
-from __future__ import annotations
-
 import ctypes
 import itertools
 import shutil
-from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from tempfile import mkdtemp
@@ -37,7 +34,7 @@ SAMPLE = np.dtype([("t_us", "<u4"), ("number", "<u4"), ("registers", "<i2", (7,)
 
 
 @cache
-def library() -> ctypes.CDLL:
+def library():
     """One for all tests of a process: its state is that of the last ``attach``."""
     if shutil.which("gcc") is None:
         pytest.skip("not installed: gcc")
@@ -59,31 +56,29 @@ def library() -> ctypes.CDLL:
 BYTES = ("who", "fine", "turned", "turned_bits", "stuck")
 
 
-def number(name: str):
+def number(name):
     """A variable of the fake; set its ``value``."""
     return (ctypes.c_uint8 if name in BYTES else ctypes.c_int).in_dll(library(), name)
 
 
-def put(**values: int) -> None:
+def put(**values):
     """Set variables of the fake."""
     for name, value in values.items():
         number(name).value = value
 
 
-def faults() -> dict[str, int]:
+def faults():
     """Those that have been counted at all."""
     return {name: count for name, count in zip(FAULTS, library().faults().contents, strict=True) if count}
 
 
-def accesses() -> list[tuple[int, int]]:
+def accesses():
     """Addresses, with 0x80 where read, and what was written."""
     table = (ctypes.c_uint16 * 1024).in_dll(library(), "accesses")
     return [(entry & 0xFF, entry >> 8) for entry in table[: number("logged").value]]
 
 
-def attached(
-    odr: int = ODR, gyro_fs_dps: int = 500, accel_fs_g: int = 4, lpf1: int = 0xFF, lpf2: int = 2, fine: int = 0, who: int = ASM330LHH
-):
+def attached(odr=ODR, gyro_fs_dps=500, accel_fs_g=4, lpf1=0xFF, lpf2=2, fine=0, who=ASM330LHH):
     """The driver before its first transfer."""
     lib = library()
     put(who=who)
@@ -92,12 +87,12 @@ def attached(
     return lib
 
 
-def accessed_us() -> list[int]:
+def accessed_us():
     """Their times."""
     return list((ctypes.c_uint32 * 1024).in_dll(library(), "accessed_us")[: number("logged").value])
 
 
-def started(odr: int = ODR, lpf1: int = 0xFF, lpf2: int = 2, settles: bool = True, **how) -> ctypes.CDLL:
+def started(odr=ODR, lpf1=0xFF, lpf2=2, settles=True, **how):
     """The driver, its sensor running, its filters settled unless they are to be left alone."""
     lib = attached(odr, lpf1=lpf1, lpf2=lpf2, **how)
     assert lib.start() == NONE
@@ -106,7 +101,7 @@ def started(odr: int = ODR, lpf1: int = 0xFF, lpf2: int = 2, settles: bool = Tru
     return lib
 
 
-def settle(odr: int = ODR, lpf1: int = 0xFF, lpf2: int = 2, fine: int = 0) -> None:
+def settle(odr=ODR, lpf1=0xFF, lpf2=2, fine=0):
     """Pass by the slots that are no samples yet, those before slot 0, each at its time; a temperature, 0, among them."""
     now_us, total = number("now_us"), library().unsettled(odr, lpf1, lpf2, fine)
     watermark = registers()[FIFO_CTRL1] // 3
@@ -120,12 +115,12 @@ def settle(odr: int = ODR, lpf1: int = 0xFF, lpf2: int = 2, fine: int = 0) -> No
         left -= count
 
 
-def warmth(slot: int, value: int = 0) -> np.ndarray:
+def warmth(slot, value=0):
     """A slot's word of the temperature."""
     return np.array([[tag(TEMPERATURE, slot), value & 0xFF, value >> 8 & 0xFF, 0, 0, 0, 0]], np.uint8)
 
 
-def keep_fine(fine: int) -> None:
+def keep_fine(fine):
     """INTERNAL_FREQ_FINE."""
     number("fine").value = registers()[0x63] = fine & 0xFF
 
@@ -134,12 +129,12 @@ def registers():
     return (ctypes.c_uint8 * 128).in_dll(library(), "registers")
 
 
-def tag(kind: int, count: int) -> int:
+def tag(kind, count):
     plain = kind << 3 | (count & 3) << 1
     return plain | plain.bit_count() & 1
 
 
-def words_of(slots: np.ndarray, ticks: np.ndarray, order: tuple[int, ...] = (GYRO, ACCEL, STAMP)) -> np.ndarray:
+def words_of(slots, ticks, order=(GYRO, ACCEL, STAMP)):
     """FIFO words (3 n, 7) uint8 of time slots (n,): their number is in every value, so that a sample of two slots would show."""
     words = np.zeros((len(slots), len(order), 7), np.uint8)
     for place, kind in enumerate(order):
@@ -153,37 +148,37 @@ def words_of(slots: np.ndarray, ticks: np.ndarray, order: tuple[int, ...] = (GYR
     return words.reshape(-1, 7)
 
 
-def registers_of(slots: np.ndarray) -> np.ndarray:
+def registers_of(slots):
     """(n, 6) int16: three and three values that no other slot has."""
     offsets = np.array([0, 5000, 10000, 15000, 20000, 25000])
     return (np.asarray(slots)[:, None] % 5000 + offsets - 15000).astype("<i2")
 
 
-def push(words: np.ndarray) -> None:
+def push(words):
     data = np.ascontiguousarray(words, np.uint8)
     library().push(data.ctypes.data_as(ctypes.c_void_p), len(data))
 
 
-def discard() -> None:
+def discard():
     """What was pushed and not read yet."""
     number("words_out").value = number("words_in").value
 
 
-def poll(times: int, most: int = 1 << 12) -> np.ndarray:
+def poll(times, most=1 << 12):
     out = np.zeros(most, SAMPLE)
     return out[: library().poll(times, out.ctypes.data_as(ctypes.c_void_p), most)]
 
 
 def take_words(
-    words: np.ndarray,
-    odr: int = 10,
-    fine: int = 0,
-    word_us: int = 50,
+    words,
+    odr=10,
+    fine=0,
+    word_us=50,
     *,
-    made_us: np.ndarray | None = None,
-    unsettled: int = 0,
-    again: bool = False,
-) -> tuple[np.ndarray, dict[str, int]]:
+    made_us=None,
+    unsettled=0,
+    again=False,
+):
     """The samples that the FIFO's part makes of these words, and the faults that it counts.
 
     The target makes them word_us apart, or at made_us (n,).  again: behind a restart, the words of the call before are not forgotten.
@@ -197,7 +192,7 @@ def take_words(
     return out[:count], {name: number for name, number in zip(FAULTS, counts, strict=True) if number}
 
 
-def patterns(count: int, seed: int = 3) -> dict[str, np.ndarray]:
+def patterns(count, seed=3):
     """How early or late stamps may be, in ticks (count,)."""
     rng, numbers = np.random.default_rng(seed), np.arange(count)
     return {
@@ -215,18 +210,18 @@ def patterns(count: int, seed: int = 3) -> dict[str, np.ndarray]:
 ORDERS = tuple(itertools.permutations((GYRO, ACCEL, STAMP)))
 
 
-def period_of(odr: int) -> float:
+def period_of(odr):
     """In ticks."""
     return PERIOD * 2.0 ** (ODR - odr)
 
 
-def slots(first: int, count: int, odr: int = ODR) -> np.ndarray:
+def slots(first, count, odr=ODR):
     """Words of so many samples."""
     numbers = np.arange(first, first + count)
     return words_of(numbers, np.floor(100.5 + numbers * period_of(odr)).astype(np.int64))
 
 
-def streamed_by_time(first: int, count: int, change: Callable[[np.ndarray], np.ndarray] = lambda words: words) -> np.ndarray:
+def streamed_by_time(first, count, change=lambda words: words):
     """What comes of slots at 1667 Hz, ten in 6 ms, which are changed on their way."""
     found = []
     for place in range(first, first + count, 10):
@@ -235,12 +230,12 @@ def streamed_by_time(first: int, count: int, change: Callable[[np.ndarray], np.n
     return np.concatenate(found)
 
 
-def streamed(first: int, count: int, polls: int = 20) -> np.ndarray:
+def streamed(first, count, polls=20):
     """What comes of them."""
     push(slots(first, count))
     return poll(polls)
 
 
-def fail_behind(behaviour: int) -> None:
+def fail_behind(behaviour):
     """The bus fails from here on."""
     number("behaviour").value = behaviour

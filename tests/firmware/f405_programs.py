@@ -1,9 +1,5 @@
 """Small programs for the emulated STM32F405, compiled with the firmware's linker script; what they find lies at the start of the CCM."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 from conftest import ROOT
 from emulator import build
 from emulator.cpu import CCM, missing
@@ -95,12 +91,12 @@ __attribute__((section(".vectors"), used)) static const vector VECTORS[98] = {
 )
 
 
-def tools_missing() -> str:
+def tools_missing():
     """Empty, or what is not installed."""
     return build.tools_missing() or missing()
 
 
-def compiled(text: str, folder: Path) -> Path:
+def compiled(text, folder):
     """The ELF file of HEAD and a text with its ``main``."""
     sources, elf = (folder / "program.c", folder / "start.c"), folder / "program.elf"
     for source, content in zip(sources, (HEAD + text, START), strict=True):
@@ -113,10 +109,10 @@ def compiled(text: str, folder: Path) -> Path:
     return elf
 
 
-def found(machine, count: int = 1) -> list[int]:
+def found(machine, count=1):
     """The first numbers that the program has put down."""
     return list(machine.cpu.words(CCM, count))
 
 
-def came_to_its_end(machine) -> bool:
+def came_to_its_end(machine):
     return machine.cpu.words(CCM + 4 * 63, 1) == (0x600D,)

@@ -1,7 +1,5 @@
 """The sensor's driver against an array of registers: start, samples, faults, limits of time, the self-test."""
 
-from __future__ import annotations
-
 import ctypes
 import itertools
 import zlib
@@ -425,21 +423,21 @@ def test_a_reset_that_does_not_end_is_said():
 WINDOW = 1700
 
 
-def kinds(words: np.ndarray) -> np.ndarray:
+def kinds(words):
     return words[:, 0] >> 3
 
 
-def slot_of(words: np.ndarray) -> np.ndarray:
+def slot_of(words):
     """The slot of each word, counted from the first: three to a slot."""
     return np.arange(len(words)) // 3
 
 
-def without(kind: int, each: int):
+def without(kind, each):
     """Of that kind only each so many-th word is batched."""
     return lambda words: words[(kinds(words) != kind) | (slot_of(words) % each == 0)]
 
 
-def halved(words: np.ndarray) -> np.ndarray:
+def halved(words):
     """Every second slot is batched, and TAG_CNT counts those: five of them in ten slots."""
     kept = words[slot_of(words) % 2 == 0].copy()
     first = int(kept[2, 1:5].copy().view("<u4")[0] / PERIOD) // 2
@@ -447,7 +445,7 @@ def halved(words: np.ndarray) -> np.ndarray:
     return kept
 
 
-def one_slot_for_all(words: np.ndarray) -> np.ndarray:
+def one_slot_for_all(words):
     words[:, 0] = [tag(int(kind), 0) for kind in kinds(words)]
     return words
 
@@ -508,7 +506,7 @@ LPF1 = {
 LPF2 = {2: 0, 4: 0, 10: 10, 20: 19, 45: 38, 100: 75, 200: 150, 400: 296, 800: 595}
 
 
-def unsettled(odr: int, lpf1: int = 0xFF, lpf2: int = 2, fine: int = 0) -> int:
+def unsettled(odr, lpf1=0xFF, lpf2=2, fine=0):
     return library().unsettled(odr, lpf1, lpf2, fine)
 
 
@@ -560,7 +558,7 @@ class SelfTest(ctypes.Structure):
     _fields_ = (("failed", ctypes.c_uint16), ("gyro_dps", ctypes.c_float * 3), ("accel_mg", ctypes.c_float * 3))
 
 
-def self_tested(by_steps: bool = True) -> SelfTest:
+def self_tested(by_steps=True):
     result = SelfTest()
     (library().self_test_by_steps if by_steps else library().self_test)(ctypes.byref(result))
     return result

@@ -1,7 +1,5 @@
 """From the FIFO's words to samples: the clock, the tags, the stamps.  No sample is ever made of two time slots."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np
@@ -31,11 +29,11 @@ PERIODS = (5.9976, 5.9997, 6.0024)
 MASKED_MOST, MASKED_LEAST = 512, 8
 
 
-def ticks_of(slots: np.ndarray, period: float = PERIOD, first: float = 1000.3) -> np.ndarray:
+def ticks_of(slots, period=PERIOD, first=1000.3):
     return np.floor(first + slots * period).astype(np.int64)
 
 
-def ticks_off(samples: np.ndarray, ticks: np.ndarray, exact: np.ndarray, fine: int = 0) -> np.ndarray:
+def ticks_off(samples, ticks, exact, fine=0):
     """How far the samples' time is from that of their slots, in ticks, if the first one has the middle of the tick that its stamp names."""
     steps_us = np.diff(samples["t_us"]).astype(np.int32)
     t_us = np.cumsum(np.concatenate([[0], steps_us]))
@@ -129,7 +127,7 @@ def test_a_long_gap_counts_where_the_boards_clock_or_the_next_stamp_has_seen_it_
         np.testing.assert_array_equal(samples["number"] - 1, np.delete(slots[:-1], 10))
 
 
-def absent(ratio: float, odr: int, before: int, absent_s: float, jitter: int = 0, clock: float = 1.0) -> tuple[int, int, float, bool]:
+def absent(ratio, odr, before, absent_s, jitter=0, clock=1.0):
     """An absence behind so many samples: samples that are missing, by how many the number is off behind it, ticks that the time is off,
     whether a fault was counted.  clock: of the target, against the sensor's."""
     rng = np.random.default_rng(before + odr)

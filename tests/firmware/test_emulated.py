@@ -1,7 +1,5 @@
 """The firmware on the test kit's STM32F405 beside the model of its sensor, whose every sample is known; and the kit itself."""
 
-from __future__ import annotations
-
 import re
 from functools import cache
 
@@ -12,7 +10,7 @@ from emulator import driven as kit
 from emulator.build import build
 from emulator.core import AIRCR, RESET_KEY, RESET_REQUEST, SYSTICK_CSR
 from emulator.cpu import CCM
-from emulator.driven import NOMINAL_HZ, Driven, Verdict
+from emulator.driven import NOMINAL_HZ, Driven
 from emulator.machine import CYCLES_PER_INSTRUCTION, Machine
 from emulator.sensor import CTRL1_XL, CTRL2_G, CTRL3_C, Asm330lhh, AtRest, Fault, SensorPort
 from f405_programs import came_to_its_end, compiled, found, tools_missing
@@ -41,7 +39,7 @@ def recorder(tmp_path_factory):
     return build("recorder.elf", folder, folder, ODR_HZ=str(RATE_HZ))
 
 
-def ran(text: str, folder, t_s: float = 0.05, **how) -> Machine:
+def ran(text, folder, t_s=0.05, **how):
     """A program with a sensor, run to its end: it did nothing that a board would not do."""
     machine = Machine(compiled(text, folder), SensorPort(Asm330lhh(AtRest())), **how)
     machine.run_until(t_s)
@@ -121,7 +119,7 @@ def test_what_a_board_would_not_do_is_objected_to(program, said, tmp_path):
 NOMINAL_PPM = 51  #: between 6667 Hz and 40000/6 Hz: no source says which of them INTERNAL_FREQ_FINE is of
 
 
-def running(elf, odr_hz: float, **how) -> Driven:
+def running(elf, odr_hz, **how):
     """At a data rate; what came before does not count."""
     driven = Driven(elf, **how)
     driven.run(0.3)
@@ -132,13 +130,13 @@ def running(elf, odr_hz: float, **how) -> Driven:
 
 
 @cache
-def streaming(elf) -> Driven:
+def streaming(elf):
     driven = running(elf, 6667.0)
     driven.run(0.5)
     return driven
 
 
-def assert_clean(found: Verdict) -> None:
+def assert_clean(found):
     """Nothing is lost, and nothing is wrong."""
     assert (found.missing, found.skipped, found.doubled, found.falsified, found.unsettled) == (0, 0, 0, 0, 0)
 
@@ -230,12 +228,12 @@ WORD_BITS, POLLS_HZ, BURSTS_HZ, PROOF_BYTES = 56, 1000, 300, 21
 SHARE = 0.8  #: of the clock
 
 
-def carried_bits(odr_hz: float) -> float:
+def carried_bits(odr_hz):
     """Bits a second on the bus: words, looks at the level, addresses and registers behind a burst."""
     return 3 * WORD_BITS * odr_hz + 13 * WORD_BITS + 3 * 8 * POLLS_HZ + 8 * PROOF_BYTES * BURSTS_HZ
 
 
-def least_mhz(odr_hz: float) -> float:
+def least_mhz(odr_hz):
     """The clock that carries the quickest unit of a nominal rate."""
     return carried_bits(1.19 * odr_hz) / SHARE / 1e6
 
@@ -272,38 +270,38 @@ RATE_HZ = 208
 RUNS, SETTLES, BY_WATCHDOG, BY_FAULT = 0b11, 1 << 2, 1 << 3, 1 << 4  #: of the board's state; the first: it streams its sensor's samples
 
 
-def bodies(stream: bytes) -> list[bytes]:
+def bodies(stream):
     """The good frames of a stream, without their CRC."""
     decoded = (frames.decode_blocks(np.frombuffer(token, np.uint8)[None]) for token in stream.split(b"\0") if 6 <= len(token) < 254)
     return [body.tobytes() for body, good in decoded if good[0]]
 
 
-def states(stream: bytes) -> list[int]:
+def states(stream):
     """The board's own states."""
     return [body[4] for body in bodies(stream) if body[0] == 0x05]
 
 
-def state(machine: Machine) -> int:
+def state(machine):
     """The one that it has said last, but for whether its filters settle."""
     return states(machine.usart1.take())[-1] & ~SETTLES
 
 
-def samples(stream: bytes) -> int:
+def samples(stream):
     return sum(body[0] == 0x01 for body in bodies(stream))
 
 
-def stop_time(machine: Machine) -> None:
+def stop_time(machine):
     """An upset of SysTick's register: nobody ever wakes."""
     machine.core.ticks.write(SYSTICK_CSR, 0)
 
 
-def hang(machine: Machine) -> None:
+def hang(machine):
     """The loop comes to a place that it never leaves, while interrupts go on."""
     machine.cpu.set_memory(CCM + 0x8000, b"\xfe\xe7")  # b .
     machine.cpu.set("PC", CCM + 0x8001)
 
 
-def watched(elf, lsi_hz: float, seconds: float = 2.0, **how) -> Machine:
+def watched(elf, lsi_hz, seconds=2.0, **how):
     machine = Machine(elf, SensorPort(Asm330lhh(AtRest())), lsi_hz=lsi_hz, **how)
     machine.run_until(seconds)
     assert state(machine) == RUNS
@@ -343,7 +341,7 @@ def test_a_board_names_the_cause_of_its_last_reset_alone(recorder):
     """A reset that somebody asks for, as a flasher does, is none of its own; neither is one behind a fault that was said before."""
     machine, said = watched(recorder, 32e3, 1.0, hard_faults=True), []
 
-    def ask() -> None:
+    def ask():
         machine.core.write(AIRCR, RESET_KEY | RESET_REQUEST)
 
     for n, upset in enumerate((lambda: machine.cpu.set("PC", 0x30000001), ask, lambda: hang(machine), ask)):
@@ -377,7 +375,7 @@ def test_a_board_that_works_is_never_reset(recorder):
 ABSENT = Fault("hang", 0.0, 3.5)  # longer than the board looks for it
 
 
-def logs_of(streams, folder) -> list[str]:
+def logs_of(streams, folder):
     decoder, logs = StreamDecoder(), LogWriter(folder)
     for stream in streams:
         logs.write(decoder.feed(stream))
@@ -386,7 +384,7 @@ def logs_of(streams, folder) -> list[str]:
     return [path.read_text() for path in logs.paths]
 
 
-def assert_apart(texts: list[str]) -> None:
+def assert_apart(texts):
     """Two logs: the stand-in's, whose gravity is 8197 upside down, and the sensor's; each says whose it is."""
     first, second = texts
     assert "source=stand-in" in first

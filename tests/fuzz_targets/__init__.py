@@ -4,15 +4,12 @@ A target is a module with ``run(data, folder)``, which reads ``data`` as one kin
 what it got.
 """
 
-from __future__ import annotations
-
 import importlib
-from types import ModuleType
 
 #: of each target, a module of this folder
 NAMES = ["logs", "beside_logs", "raw", "replay"]
 
 
-def target(name: str) -> ModuleType:
+def target(name):
     """The module."""
     return importlib.import_module(f"fuzz_targets.{name}")

@@ -1,9 +1,5 @@
 """What lies beside the logs of a session: truth files, dial readings, known turns, and what ``explain`` asked for."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 
 from fuzz_targets.material import UNIT_HEADER, UNIT_LINES
@@ -24,7 +20,7 @@ FILES = (
 )
 
 
-def run(data: bytes, folder: Path) -> None:
+def run(data, folder):
     """The file is read with its session."""
     (name, toml), data = choose(data, FILES)
     (folder / "log0001.csv").write_text(f"{UNIT_HEADER}\n{UNIT_LINES}")

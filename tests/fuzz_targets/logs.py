@@ -1,9 +1,6 @@
 """Logs as a session holds them, plain and packed, rest logs, and logs of other programs through the same reader."""
 
-from __future__ import annotations
-
 import gzip
-from pathlib import Path
 
 import numpy as np
 
@@ -35,7 +32,7 @@ MODES = ("standard", "packed", "gzip", "rest", "unknown", *FOREIGN)
 SMALL = 200
 
 
-def run(data: bytes, folder: Path) -> None:
+def run(data, folder):
     """As a session's log, a rest log, or another program's."""
     mode, data = choose(data, MODES)
     path = folder / ("log0001.csv.gz" if mode in ("packed", "gzip") else "log0001.csv")
@@ -53,7 +50,7 @@ def run(data: bytes, folder: Path) -> None:
         assert len(samples) == len(samples.gyro) == len(samples.accel)
 
 
-def _foreign(path: Path, answers: Answers) -> None:
+def _foreign(path, answers):
     """In usual, and in small pieces: the same rows, unless a counter or a comma is told from more of them alone."""
     usual = list(TableReader(path, answers).pieces())
     if not usual:

@@ -1,10 +1,7 @@
 """A recording's raw bytes with their arrival times and decisions, replayed into a session folder; a log that is still growing."""
 
-from __future__ import annotations
-
 import contextlib
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
@@ -30,7 +27,7 @@ MODES = (
 BETWEEN = b"\n====\n"
 
 
-def run(data: bytes, folder: Path) -> None:
+def run(data, folder):
     """What is written is read by what reads it, with the samples that were counted; what fails leaves no folder behind."""
     options, data = choose(data, MODES)
     times, found, raw = data.partition(BETWEEN)

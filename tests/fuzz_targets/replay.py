@@ -1,10 +1,7 @@
 """Logs of other programs made session folders: ``import``, its options and the first look included."""
 
-from __future__ import annotations
-
 import contextlib
 from dataclasses import replace
-from pathlib import Path
 
 from fuzz_targets import logs
 from fuzz_targets.rules import choose, finite, must_hold
@@ -27,7 +24,7 @@ MODES = (
 BETWEEN = b"\n====\n"
 
 
-def run(data: bytes, folder: Path) -> None:
+def run(data, folder):
     """What is made of them is a session; what fails leaves nothing behind."""
     (answers, serial), data = choose(data, MODES)
     files = data.split(BETWEEN)[:2]

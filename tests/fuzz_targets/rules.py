@@ -1,16 +1,12 @@
 """What counts as a finding, whatever the reader."""
 
-from __future__ import annotations
-
 import contextlib
 import shutil
 import sys
 import time
 import traceback
 import warnings
-from collections.abc import Iterator, Sequence
 from pathlib import Path
-from types import ModuleType
 from typing import TypeVar
 
 import numpy as np
@@ -37,12 +33,12 @@ Choice = TypeVar("Choice")
 class Finding(Exception):
     """What no input may do.  place: file and line of our own code that it came from, so that one cause is told from another."""
 
-    def __init__(self, what: str, place: str):
+    def __init__(self, what, place):
         super().__init__(what)
         self.place = place
 
 
-def attempt(target: ModuleType, data: bytes, folder: Path) -> bool:
+def attempt(target, data, folder):
     """Run one input in an empty folder; whether it was accepted.
 
     Raises Finding: an exception that is neither CalibrationError nor OSError, a warning, a message of more than one line, more than a
@@ -59,7 +55,7 @@ def attempt(target: ModuleType, data: bytes, folder: Path) -> bool:
     return accepted
 
 
-def _timed(target: ModuleType, data: bytes, folder: Path) -> tuple[bool, float]:
+def _timed(target, data, folder):
     """Whether it was accepted, and s of CPU."""
     folder.mkdir(exist_ok=True)
     began_s = time.process_time()
@@ -81,19 +77,19 @@ def _timed(target: ModuleType, data: bytes, folder: Path) -> tuple[bool, float]:
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def choose(data: bytes, choices: Sequence[Choice]) -> tuple[Choice, bytes]:
+def choose(data, choices):
     """One of the choices, by the first byte, and the rest: how an input says as what it is to be read."""
     return choices[data[0] % len(choices)] if data else choices[0], data[1:]
 
 
-def finite(*arrays: np.ndarray | float | None) -> None:
+def finite(*arrays):
     """Each is there and finite, or None."""
     for values in arrays:
         assert values is None or np.isfinite(values).all(), f"accepted {np.asarray(values).ravel()[:3]}…, which is not finite"
 
 
 @contextlib.contextmanager
-def must_hold(what: str) -> Iterator[None]:
+def must_hold(what):
     """What the tool has written, or accepted before, may not be refused."""
     try:
         yield
@@ -101,11 +97,11 @@ def must_hold(what: str) -> Iterator[None]:
         raise AssertionError(f"{what} is refused: {error}") from error
 
 
-def _peak_bytes() -> int:
+def _peak_bytes():
     return 0 if resource is None else resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * RSS_UNIT
 
 
-def _place(error: BaseException) -> str:
+def _place(error):
     """The last line of ours in the traceback, else the last of all."""
     error = error.__cause__ or error
     frames = traceback.extract_tb(error.__traceback__)

@@ -16,7 +16,6 @@ from test_binary_logs_physics import ACCEL, ARRAYS, COUNT, FORMATS, GYRO, T_NS, 
 from session.base.budget import GB, MB, budget
 from session.base.errors import FormatError
 from session.replay.binary.registry import reader_of
-from session.replay.binary.source import Stream
 from session.replay.sources import sources_of
 
 EVERY = FORMATS | ARRAYS
@@ -37,7 +36,7 @@ def files(tmp_path_factory):
     return made
 
 
-def damaged(data: bytes, how: str) -> bytes:
+def damaged(data, how):
     middle = len(data) // 2
     return {
         "half": data[:middle],
@@ -49,7 +48,7 @@ def damaged(data: bytes, how: str) -> bytes:
     }[how]
 
 
-def answers(name, path) -> list[Stream] | str:
+def answers(name, path):
     """The streams, or the one line that refuses the file.  Each stream is whole in itself."""
     reader = EVERY[name][1]
     if path.stat().st_size >= 100:  # less has no magic number

@@ -79,14 +79,14 @@ ARRAYS = {
 EACH_READER = pytest.mark.parametrize("name", ["ROS 1", "ROS 2", "MCAP", "ULog", "dataflash", "HDF5", "MATLAB 5", "npz", "Parquet"])
 
 
-def file_of(write, tmp_path: Path) -> Path:
+def file_of(write, tmp_path):
     """What it writes, under a name that says nothing of it."""
     write(tmp_path / "made", *RECORDING)
     (path,) = tmp_path.iterdir()
     return path.rename(tmp_path / "a.dat")
 
 
-def head_of(path: Path) -> bytes:
+def head_of(path):
     return b"" if path.is_dir() else path.read_bytes()[:4096]
 
 
@@ -96,7 +96,7 @@ def same(stream, rates=GYRO, forces=ACCEL):
     assert_array_equal(stream.parts["accel"].values, forces)
 
 
-def one(path: Path, name: str = ""):
+def one(path, name=""):
     """The one stream of a file, or that of this name, by the reader that knows the file."""
     (stream,) = reader_of(path, head_of(path)).read(path, [name] if name else [], None)
     return stream

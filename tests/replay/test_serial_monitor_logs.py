@@ -1,6 +1,5 @@
 """Logs of a serial monitor as the sketches of well-known libraries print them; and units, sensors and columns that physics decides."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,29 +22,29 @@ NUMBERS = [f"{a[0]:.4f},{a[1]:.4f},{a[2]:.4f},{g[0]:.3f},{g[1]:.3f},{g[2]:.3f}" 
 BOOT = ("ets Jul 29 2019 12:21:46", "", "rst:0x1 (POWERON_RESET),boot:0x13 (SPI_FAST_FLASH_BOOT)", "entry 0x400805f0", "MPU6050 Found!", "")
 
 
-def clock(ms: int) -> str:
+def clock(ms):
     """The time of day of a monitor, which was begun a second before midnight."""
     ms = (int(ms) + 86_395_000) % 86_400_000
     return f"{ms // 3_600_000:02d}:{ms // 60_000 % 60:02d}:{ms // 1000 % 60:02d}.{ms % 1000:03d}"
 
 
-def ide(records: list[list[str]], before: tuple[str, ...] = ()) -> list[str]:
+def ide(records, before=()):
     """The lines of the Arduino IDE with its time stamps."""
     lines = [f"{clock(ms)} -> {line}" for ms, record in zip(MS, records, strict=True) for line in record]
     return [f"{clock(MS[0])} -> {line}" for line in before] + lines
 
 
-def of(line: Callable[[np.ndarray, np.ndarray], list[str]]) -> list[list[str]]:
+def of(line):
     """A record of each sample; line: of forces and rates."""
     return [line(a, g) for a, g in zip(FORCES, RATES, strict=True)]
 
 
-def counted(line: str) -> list[list[str]]:
+def counted(line):
     """A line with six registers a sample."""
     return [[line.format(*row)] for row in COUNTS]
 
 
-def flat(records: list[list[str]]) -> list[str]:
+def flat(records):
     """Their lines."""
     return [line for record in records for line in record]
 

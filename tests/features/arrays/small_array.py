@@ -43,18 +43,18 @@ class SmallArray(NamedTuple):
 
 
 def small_array(
-    units: int = 2,
-    stills: int = 4,
-    seed: int = 0,
-    turn_rad: np.ndarray | float = 0.0,
-    force_mps2: np.ndarray | float = 0.0,
-    common_rad: np.ndarray | float = 0.0,
-    level_mps2: np.ndarray | float = 0.0,
-    drift_rps: float = 0.0,
-    earth: EarthRate | None = None,
-    joint: str | None = "fit",
-    turns: list[list[tuple[int, int]]] | None = None,
-) -> SmallArray:
+    units=2,
+    stills=4,
+    seed=0,
+    turn_rad=0.0,
+    force_mps2=0.0,
+    common_rad=0.0,
+    level_mps2=0.0,
+    drift_rps=0.0,
+    earth=None,
+    joint="fit",
+    turns=None,
+):
     """Every unit turns from still to still, except where turns lists others.
 
     turn_rad (units,): sigma of an error of each unit's own of each end; force_mps2 (units,) of each still's mean force; common_rad and
@@ -132,7 +132,7 @@ def small_array(
     return SmallArray(found, same, truth, earth, start)
 
 
-def _along(rate: np.ndarray) -> Rotation:
+def _along(rate):
     """Rotations (T,) from the first sample on, of mean rates and their coning term."""
     found = [Rotation.identity()]
     for before, after in pairwise(rate):
@@ -140,13 +140,13 @@ def _along(rate: np.ndarray) -> Rotation:
     return Rotation.concatenate(found)
 
 
-def _uncorrected(x: np.ndarray, force: np.ndarray) -> np.ndarray:
+def _uncorrected(x, force):
     """The reading that the nine numbers turn into a force."""
     columns = corrected(np.concatenate([x[:6], np.zeros(3)]), np.eye(3)).T
     return np.linalg.solve(columns, force) + x[6:]
 
 
-def _batch(rates: list[np.ndarray], start: np.ndarray) -> Batch:
+def _batch(rates, start):
     """Turns padded to one length, of pieces with no time between them; the ends are the array's, which the system puts in."""
     most = max(map(len, rates))
     rate = np.stack([np.pad(each, ((0, most - len(each)), (0, 0)), mode="edge") for each in rates])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -31,7 +30,7 @@ FINE_S = 1e-3
 class Body:
     """Turns of 30 to 90 degrees about any axes, a second each, with stills between them; then, if asked, as much shaking."""
 
-    def __init__(self, turns: int, seed: int, still_s: float = 2.0, shaken_s: float = 0.0):
+    def __init__(self, turns, seed, still_s=2.0, shaken_s=0.0):
         random = np.random.default_rng(seed)
         self.duration_s = turns * (still_s + 1.0) + still_s + shaken_s
         t = np.arange(0, self.duration_s, FINE_S)
@@ -70,12 +69,12 @@ class Unit:
     phase: float = 0.0
     period_s: float = 0.0
 
-    def age_s(self, t_s: np.ndarray) -> np.ndarray:
+    def age_s(self, t_s):
         cycles = self.phase + self.beat_hz * t_s
         return np.asarray(self.period_s * (cycles - np.floor(cycles)))
 
 
-def samples_of(body: Body, unit: Unit, odr_hz: float, seed: int) -> Samples:
+def samples_of(body, unit, odr_hz, seed):
     """Its log, from second 1 of its own clock to as near the end as all clocks can be."""
     random = np.random.default_rng(seed)
     t_unit = 1.0 + np.arange(int((body.duration_s - 2.0) * odr_hz)) / odr_hz
@@ -88,7 +87,7 @@ def samples_of(body: Body, unit: Unit, odr_hz: float, seed: int) -> Samples:
     return Samples(np.rint(t_unit * 1e9).astype(np.int64), gyro, accel)
 
 
-def array_of(body: Body, units: Sequence[Unit], odr_hz: float = 100.0, seed: int = 0) -> ArraySession:
+def array_of(body, units, odr_hz=100.0, seed=0):
     """With accelerometers that are right, and said to be."""
     config = Config(Sensor("unknown", "", odr_hz, 2000.0, 16.0), Accelerometer(), Site(), Protocol())
     sessions = []
@@ -98,7 +97,7 @@ def array_of(body: Body, units: Sequence[Unit], odr_hz: float = 100.0, seed: int
     return ArraySession(Path("twins"), tuple(range(len(units))), tuple(sessions))
 
 
-def any_unit(seed: int, **more: float) -> Unit:
+def any_unit(seed, **more):
     """Any mounting, scales and misalignments of some percent."""
     random = np.random.default_rng(seed)
     rotation = Rotation.random(rng=random).as_matrix()
@@ -109,7 +108,7 @@ ABOUT_S = 14.5  #: half of the body's time
 
 
 @pytest.fixture(scope="module")
-def body() -> Body:
+def body():
     return Body(turns=9, seed=1)
 
 
@@ -117,11 +116,11 @@ THREE = [any_unit(1), any_unit(2, offset_s=0.5, rate=0.003), any_unit(3)]
 
 
 @pytest.fixture(scope="module")
-def three(body) -> ArraySession:
+def three(body):
     return array_of(body, THREE)
 
 
-def injected(unit: Unit, first: Unit, about_s: float) -> tuple[float, float]:
+def injected(unit, first, about_s):
     """Offset and rate of a unit's clock against the first's, exactly: both are known against the body's."""
     rate = (1 + unit.rate) / (1 + first.rate) - 1
     moment = about_s + unit.offset_s + unit.rate * (about_s - ABOUT_S)  # of the body
@@ -141,7 +140,7 @@ def test_a_mounting_is_recovered_within_its_covariance(body):
     assert 0.5 < np.mean(pulls) < 8.0
 
 
-def altered(array: ArraySession, number: int, change) -> ArraySession:
+def altered(array, number, change):
     """With other rates of one unit: change of (N, 3)."""
     unit = array.units[number]
     samples = unit.logs[0].samples
@@ -218,7 +217,7 @@ def test_a_body_that_turns_about_one_axis_tells_clocks_but_no_mounting():
         places_of(array_of(one, units))
 
 
-def in_two_logs(array: ArraySession, again_s: float) -> ArraySession:
+def in_two_logs(array, again_s):
     """Each unit's log cut in two; the clock of the second unit set by so much between them."""
     units = []
     for number, unit in enumerate(array.units):
@@ -281,7 +280,7 @@ def test_a_sawtooth_of_ages_is_recovered_and_a_unit_without_one_has_none():
 # Noise at rest that units share.
 
 
-def groups(common: float, units: int = 4, stills: int = 20, blocks: int = 40, seed: int = 0, own: float = 1.0):
+def groups(common, units=4, stills=20, blocks=40, seed=0, own=1.0):
     """Differences of neighbouring means: of a motion of the body, and of each unit's own noise, of these sigmas."""
     rng = np.random.default_rng(seed)
     found = []

@@ -66,7 +66,7 @@ def motion(delay_s, turns):
     return ArrayMotion([[CubicSpline(t, rate(t))]] * 2, [[CubicSpline(t, force)], [CubicSpline(t, force + lever)]], spans)
 
 
-def axis_rows(values) -> list:
+def axis_rows(values):
     """Turns (T, n, P) that each show the P numbers directly."""
     return [(np.tile(np.eye(np.shape(turn)[1]), (len(turn), 1)), np.asarray(turn, dtype=float).ravel()) for turn in values]
 

@@ -21,7 +21,7 @@ from session.log.folder import sha256_of
 from session.log.logfile import read_log
 from tinygc.features.arrays.apply import _fused_force
 from tinygc.features.arrays.clocks import UnitClock
-from tinygc.features.arrays.model import ArrayModel, FusedUnit, Resampler, best_weights, combined, fuse, load_array_model, with_best_weights
+from tinygc.features.arrays.model import FusedUnit, Resampler, best_weights, combined, fuse, load_array_model, with_best_weights
 from tinygc.models.linear import LinearModel
 
 RATE_HZ = 100.0
@@ -30,7 +30,7 @@ RATE_HZ = 100.0
 DENSITY = 0.01 * DEG  #: rad/s/sqrt(Hz)
 
 
-def units(count: int = 8, seed: int = 1, density=DENSITY, full_scale: float = 2000) -> list[FusedUnit]:
+def units(count=8, seed=1, density=DENSITY, full_scale=2000):
     """Units in any mounting, each with its own E and B; density: of all, or one for each."""
     rng = np.random.default_rng(seed)
     densities = np.broadcast_to(np.asarray(density, dtype=float), (count,))
@@ -45,12 +45,12 @@ def units(count: int = 8, seed: int = 1, density=DENSITY, full_scale: float = 20
     return found
 
 
-def model_of(found: list[FusedUnit], **options) -> ArrayModel:
+def model_of(found, **options):
     """The model of units."""
     return with_best_weights(found, RATE_HZ, **options)
 
 
-def motion(samples: int, seed: int = 3) -> np.ndarray:
+def motion(samples, seed=3):
     """(T, 3) rad/s: a smooth hand's motion with rests."""
     rng = np.random.default_rng(seed)
     t_s = np.arange(samples) / RATE_HZ
@@ -60,7 +60,7 @@ def motion(samples: int, seed: int = 3) -> np.ndarray:
     return 200.0 * DEG * turn * (np.sin(2 * np.pi * 0.03 * t_s) > -0.3)[:, None]
 
 
-def measured(model: ArrayModel, omega: np.ndarray, seed: int = 5) -> np.ndarray:
+def measured(model, omega, seed=5):
     """(T, N, 3) rad/s that the units read at true rates (T, 3) in the array's frame, each with its own white noise."""
     rng = np.random.default_rng(seed)
     clean = np.einsum("nij,tnj->tni", np.linalg.inv(model.matrices), omega[:, None] - model.offsets)
@@ -140,7 +140,7 @@ def plain(density, **options):
     return model_of([replace(unit, **nothing) for unit in found], **options)
 
 
-def along_x(*readings) -> np.ndarray:
+def along_x(*readings):
     """(T, N, 3): values along x of each unit, NaN for no sample."""
     raw = np.zeros((len(readings), len(readings[0]), 3))
     raw[..., 0] = readings
@@ -227,7 +227,7 @@ accel_fs_g = 4
 """
 
 
-def write_array(folder, model: ArrayModel, t_s, raw, force, which="log0001"):
+def write_array(folder, model, t_s, raw, force, which="log0001"):
     """Logs of all units: t_s (N, T) s on their own clocks, raw and force (T, N, 3)."""
     folder.mkdir(exist_ok=True)
     (folder / "session.toml").write_text(TOML)

@@ -26,7 +26,7 @@ from tinygc.models.linear import BIAS, MATRIX
 # The optimum.
 
 
-def any_of(p_value: float, tests: int) -> float:
+def any_of(p_value, tests):
     """Probability of as small a value in any of so many independent tests."""
     return float(-np.expm1(tests * np.log1p(-p_value)))
 
@@ -261,7 +261,7 @@ def pair():
     return SimpleNamespace(solution=solution, missed_rad=missed[::2], rows=[None, None])
 
 
-def least(joint, *held) -> float:
+def least(joint, *held):
     """-2 log of the greatest likelihood with components at zero, by a search of its own."""
     free = np.setdiff1d(np.arange(4), held)
 
@@ -291,7 +291,7 @@ def test_an_own_excess_is_tested_by_the_likelihood_without_it(pair):
     assert split_of(without).own_p[0] == 1.0
 
 
-def split_of(joint, floors_rad=0.1 * DEG, **known) -> Split:
+def split_of(joint, floors_rad=0.1 * DEG, **known):
     """known: parts that are not computed."""
     count = len(joint.rows)
     split = Split(joint, (0, 2, 5)[:count], np.full(count, floors_rad))
@@ -332,7 +332,7 @@ def test_sizes_are_those_of_both_angles_of_a_tilt_and_fast_motion_as_predicted(j
     assert split.common.upper == pytest.approx(max(root * most[0], predicted * most[1]))
 
 
-def common_of(joint, turn, undersampled, predicted=0.8 * DEG, fast=(0.4 * DEG, 0.2 * DEG)) -> Split:
+def common_of(joint, turn, undersampled, predicted=0.8 * DEG, fast=(0.4 * DEG, 0.2 * DEG)):
     """With these drops of the likelihood, and parts of 0.3° and fast."""
     gains = {"turn": turn, "undersampled": undersampled}
     return split_of(joint, gains=gains, predicted_rad=predicted, turn_rad=np.array([0.3, 0.1]) * DEG, fast_rad=np.array(fast))

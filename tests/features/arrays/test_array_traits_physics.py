@@ -111,7 +111,7 @@ def test_words_have_the_sizes_of_the_units_that_differ_and_what_is_not_known(val
 # The Earth.
 
 
-def body(yaws_deg, stills: int = 4):
+def body(yaws_deg, stills=4):
     """A fit with units mounted anyhow, whose own table axes are turned by yaws against the array's."""
     q, fits, mountings = Rotation.random(stills, random_state=3), [], []
     for number, yaw_deg in enumerate(yaws_deg):

@@ -3,7 +3,6 @@
 import gzip
 import json
 import shutil
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -39,7 +38,7 @@ operator = "Mara"
 HEADER = "t_s,gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g"
 
 
-def log(path: Path, begin_s: float = 0.0, value: float = 0.0) -> Path:
+def log(path, begin_s=0.0, value=0.0):
     """A log of a second at 100 Hz; value: its rate about x, dps."""
     text = "\n".join([HEADER, *(f"{begin_s + k / 100:.2f},{value},0,0,0,0,-1" for k in range(101)), ""])
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -48,7 +47,7 @@ def log(path: Path, begin_s: float = 0.0, value: float = 0.0) -> Path:
 
 
 @pytest.fixture
-def named(tmp_path: Path) -> Path:
+def named(tmp_path):
     """An array of three units, whose logs name them: 0, 3 and 12, the last of them packed."""
     folder = tmp_path / "board"
     for which in ("log0001", "log0002", "closure0001"):
@@ -59,7 +58,7 @@ def named(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def listed(tmp_path: Path) -> Path:
+def listed(tmp_path):
     """The same as a list of session folders, one of them beside the array's."""
     folder = tmp_path / "board"
     for name, value in (("imu0", 0.0), ("imu3", 3.0), ("../imu12", 12.0)):
@@ -68,7 +67,7 @@ def listed(tmp_path: Path) -> Path:
     return with_folders(folder, ["imu3", "../imu12", "imu0"])
 
 
-def with_folders(folder: Path, names: list) -> Path:
+def with_folders(folder, names):
     text = ", ".join(f'"{name}"' if isinstance(name, str) else str(name) for name in names)
     (folder / "session.toml").write_text(f'schema = "tinygc-session/1"\n[array]\nfolders = [{text}]\n', encoding="utf-8")
     return folder

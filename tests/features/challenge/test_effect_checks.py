@@ -39,12 +39,12 @@ def test_of_the_others_words_and_units_are_proved_and_the_rest_is_said_not_to_be
         assert report["c"].text.startswith("none: ")
 
 
-def _previous(movement) -> np.ndarray:
+def _previous(movement):
     """(N, 3) size of the rate one sample ago."""
     return np.abs(np.concatenate([movement.rate[:1], movement.rate[:-1]]))
 
 
-def _ahead(movement) -> np.ndarray:
+def _ahead(movement):
     return diagonal(np.abs(np.concatenate([movement.rate[1:], movement.rate[-1:]])))
 
 
@@ -52,7 +52,7 @@ def _partly(share):
     return lambda measured, m, theta: measured - share * (DRIFT.distort(m.with_rate(measured), theta) - measured)
 
 
-def _other_c(device) -> StageC:
+def _other_c(device):
     """Its C with the opposite sign, and the NumPy that belongs to it."""
     stage = device.stage(np.ones(3), Conditions(1.0, 1.0, 25.0))
     body = stage.body.replace("w = r[i] -", "w = r[i] +")

@@ -25,7 +25,7 @@ def known(tmp_path_factory):
     return e, e.claimed[0], injected.theta
 
 
-def rms(values) -> float:
+def rms(values):
     return float(np.sqrt(np.mean(np.square(values))))
 
 

@@ -1,7 +1,6 @@
 """Discoveries made by hand: laws that are put into small simulated sessions, and what a search would answer of them."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
@@ -33,7 +32,7 @@ LAWS = {
 }
 
 
-def law_of(form: LawForm, dps, **changed):
+def law_of(form, dps, **changed):
     """One law as a search would say it; its numbers are the true ones."""
     name = f"discovered.{what(form)}"
     effect = as_effect(form, name, 1.0, equation(form))
@@ -45,14 +44,14 @@ def law_of(form: LawForm, dps, **changed):
     return replace(law, **{"learnable_from": 0.21, **changed})
 
 
-def runner_up(form: LawForm, worse: float = 4.2, correlation: float = 0.962):
+def runner_up(form, worse=4.2, correlation=0.962):
     """A form that was weighed in a law's place."""
     effect = as_effect(form, "discovered.other", 1.0, equation(form))
     effect = replace(effect, discriminating_motion="turn slowly and quickly about the same axis")
     return search_state.Rival(form, effect, worse, correlation)
 
 
-def found(*laws, verdict: str = "found", beside=()):
+def found(*laws, verdict="found", beside=()):
     """An answer with laws."""
     return search_state.Discovery(verdict, "", laws, beside, **COUNTS)
 
@@ -62,14 +61,14 @@ NOTHING = search_state.Discovery(
 )
 
 
-def hidden(name: str, folder: Path, **options) -> Path:
+def hidden(name, folder, **options):
     """A small simulated session with one of ``LAWS`` concealed in it, warming up."""
     form, dps = LAWS[name]
     chosen = {"segments": 12, "closure_s": 0.0, "seed": 5, "odr_hz": 62.5, "warm_up_c": 8.0, **options}
     return write_session(SimulationOptions(**chosen), folder, distort=distorting(form, dps))
 
 
-def distorting(form: LawForm, dps):
+def distorting(form, dps):
     """``distort`` of a simulated session: the rate with the law, and the movement it needs."""
 
     def distort(t_s, rate, force, temp_c):
@@ -92,7 +91,7 @@ STRAY, SHORTEST, LONGEST = 0.2, 10, 240
 CREEP = 0.015
 
 
-def some_movement(seed: int) -> Movement:
+def some_movement(seed):
     """Four minutes of turns, rests and creeps of many lengths, with warming, cooling and vibration."""
     rng = np.random.default_rng(seed)
     t_s = (np.arange(SAMPLES) + rng.uniform(0, STRAY, SAMPLES)) / RATE_HZ
@@ -110,7 +109,7 @@ def some_movement(seed: int) -> Movement:
     )
 
 
-def _turning(rng: np.random.Generator) -> np.ndarray:
+def _turning(rng):
     """(SAMPLES,) a swell up to 1 in turns and to ``CREEP`` in every other rest, 0 in the others.
 
     It begins with a short turn and the longest rest, so that settling with time is not yet complete there.
@@ -125,7 +124,7 @@ def _turning(rng: np.random.Generator) -> np.ndarray:
     return found
 
 
-def _wandering(rng: np.random.Generator, axes: int) -> np.ndarray:
+def _wandering(rng, axes):
     """(SAMPLES, axes) smooth over about a second, uniform over −1 to 1."""
     noise = rng.standard_normal((SAMPLES + 20, axes))
     smooth = np.stack([np.convolve(column, np.hanning(22)[1:], mode="valid") for column in noise.T], axis=1)

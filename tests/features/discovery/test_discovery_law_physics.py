@@ -2,7 +2,6 @@
 
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -252,7 +251,7 @@ def test_a_constant_is_told_in_a_persons_unit():
 # What is written of a law.
 
 
-def loaded(folder: Path, form, dps, **where):
+def loaded(folder, form, dps, **where):
     """The effect of a law's file."""
     (folder / "law.py").write_text(written(law_of(form, dps), Where("here", **where)), encoding="utf-8")
     with using([]):

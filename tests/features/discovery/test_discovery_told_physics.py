@@ -215,7 +215,7 @@ def again(folder, table):
     return table
 
 
-def html_of(folder) -> str:
+def html_of(folder):
     text = document("t", "", [section(Evidence(folder))], "")
     parsed(text)
     return text

@@ -20,7 +20,7 @@ NAME = "fleet.sqlite"
 QUICK, FIT = FleetOptions(steps=("check",)), FleetOptions(steps=("check", "fit"))
 
 
-def made(where: Path, count: int = 4, segments: int = 8) -> Path:
+def made(where, count=4, segments=8):
     """A folder with so many sessions, each of a unit of its own."""
     for seed in range(count):
         write_session(SimulationOptions(segments=segments, closure_s=0.0, odr_hz=62.5, seed=seed), where / f"unit{seed}")
@@ -32,23 +32,23 @@ class Here:
 
     capacity = 1
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.computed: list = []
         self._queue: deque = deque()
 
-    def submit(self, job) -> None:
+    def submit(self, job):
         self._queue.append(job)
 
-    def finished(self) -> list:
+    def finished(self):
         job = self._queue.popleft()
         self.computed.append(job)
         return [(job, compute(job))]
 
-    def close(self) -> None:
+    def close(self):
         pass
 
 
-def ran(place: Path, out: Path, options: FleetOptions = QUICK, executor=None, **how):
+def ran(place, out, options=QUICK, executor=None, **how):
     """The tally of a run, and the names of the folders that were computed for it."""
     executor = executor or Here()
     with open_table(out) as table:
@@ -56,7 +56,7 @@ def ran(place: Path, out: Path, options: FleetOptions = QUICK, executor=None, **
     return tally, [Path(job.folder).name for job in getattr(executor, "computed", ())]
 
 
-def asked(out: Path, sql: str) -> list[tuple]:
+def asked(out, sql):
     """Of the table, which is changed where the words say so."""
     connection = sqlite3.connect(out / NAME)
     try:
@@ -66,7 +66,7 @@ def asked(out: Path, sql: str) -> list[tuple]:
         connection.close()
 
 
-def content(out: Path) -> dict[str, list[tuple]]:
+def content(out):
     """All that is compared: results and folders, whoever computed them, in whatever order."""
     return {name: asked(out, f"SELECT * FROM {name} ORDER BY 1") for name in ("results", "folders")}
 
@@ -78,7 +78,7 @@ COUNT = len(NAMES)
 SPREAD = np.array([3e-3] * 9 + [0.6 * DEG] * 3 + [2e-3, 1e-3, 1e-3, 2e-3, 1e-3, 2e-3, 0.1, 0.1, 0.1])
 
 
-def _correlated(rng) -> np.ndarray:
+def _correlated(rng):
     """(21, 21) of unit variances."""
     A = rng.normal(size=(COUNT, COUNT))
     C = A @ A.T + 10 * np.eye(COUNT)
@@ -104,7 +104,7 @@ def simulated_lot(units, seed, sessions=1, noise=0.2, drift=0.0, without_acceler
     return results
 
 
-def put(table, folder: Path, key: str, **row) -> None:
+def put(table, folder, key, **row):
     """A row of a session that is done, as ``fleet`` writes it."""
     row = empty() | {"status": "done"} | row
     table.put(Outcome(key, row), row, [folder])

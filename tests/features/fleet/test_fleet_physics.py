@@ -222,7 +222,7 @@ def test_a_folder_that_cannot_be_read_has_no_key_and_is_tried_again(fleet, tmp_p
 # The table.
 
 
-def refused(out) -> str:
+def refused(out):
     """What both a run and a reader say, in one line, and leave the file alone."""
     said, before = [], (out / NAME).read_bytes()
     for opened in (open_table, read_table):
@@ -448,7 +448,7 @@ def test_processes_that_cannot_begin_are_said(fleet):
         pool.close()
 
 
-def rows_of(out) -> int:
+def rows_of(out):
     """So far; none while the table is being made."""
     try:
         with read_table(out) as table:

@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -276,7 +275,7 @@ MEAN = np.concatenate([np.eye(3).ravel(), np.zeros(3)])
 SIGMA = np.array([5e-5] * 9 + [0.02 * DEG] * 3)
 
 
-def lot(sigma: np.ndarray = SIGMA, **changes) -> Lot:
+def lot(sigma=SIGMA, **changes):
     """Normal about no correction, one sigma (12,) between units; the accelerometer's numbers are not told."""
 
     whole = [np.pad(part, (0, len(NAMES) - 12), constant_values=np.nan) for part in (MEAN, np.zeros(12), sigma, np.zeros(12))]
@@ -412,7 +411,7 @@ def recorded(tmp_path_factory):
 DRAWN = MEAN + SIGMA * np.random.default_rng(5).standard_normal(PARAMETERS)
 
 
-def session_of_unit(folder: Path, vector: np.ndarray, segments: int = 8, seed: int = 3) -> Path:
+def session_of_unit(folder, vector, segments=8, seed=3):
     """A unit with these 12 numbers, turned by hand."""
     options = SimulationOptions(segments=segments, closure_s=0.0, seed=seed, odr_hz=104.0)
     unit = replace(unit_of(options), E=vector[:9].reshape(3, 3), B=vector[9:])

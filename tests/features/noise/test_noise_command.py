@@ -1,7 +1,5 @@
 """``noise`` from the command line and in Python: one screen, the files, the JSON, and an Allan curve in a file."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 
@@ -23,17 +21,17 @@ from tinygc.reporting.terminal import as_text
 ABSENT = Term(0.0, None, 0.01)
 
 
-def axis(**chosen: Term) -> AxisNoise:
+def axis(**chosen):
     """An axis with these terms, and no others."""
     return AxisNoise({name: chosen.get(name, ABSENT) for name in TERMS}, p_value=0.4)
 
 
-def shown(value: float, relative: float, probability: float = 1.0) -> Term:
+def shown(value, relative, probability=1.0):
     """A term of this size and relative sigma."""
     return Term(value, value * relative, probability)
 
 
-def hidden(at_most: float | None, probability: float = 0.02) -> Term:
+def hidden(at_most, probability=0.02):
     """A term that is not shown, with its upper limit."""
     return Term(0.0, None, probability, at_most)
 
@@ -41,7 +39,7 @@ def hidden(at_most: float | None, probability: float = 0.02) -> Term:
 N, H, WALK, UG = DEG_PER_SQRT_HOUR, DEG_PER_HOUR, DEG_PER_HOUR / 60, 1e-3 * MG
 
 
-def figures(**changes) -> NoiseFigures:
+def figures(**changes):
     """A unit much like an ADIS16405, at rest for 10 000 s at 100 Hz."""
     gyro = SensorNoise(
         (
@@ -57,7 +55,7 @@ def figures(**changes) -> NoiseFigures:
     return dataclasses.replace(made, **changes)
 
 
-def estimate(of: NoiseFigures | None = None, seed: int = 1) -> Noise:
+def estimate(of=None, seed=1):
     """An estimate with Allan deviations that scatter about the terms as those of a recording do."""
     of = figures() if of is None else of
     rng, tau_s, bands = np.random.default_rng(seed), np.geomspace(1 / of.rate_hz, of.duration_s / 3, 40), {}
@@ -128,7 +126,7 @@ def test_what_is_no_argument_is_refused(given, more, says):
 # The screen
 
 
-def of_gyro(*walks: Term, floor: Term = ABSENT) -> NoiseFigures:
+def of_gyro(*walks, floor=ABSENT):
     return figures(gyro=SensorNoise(tuple(axis(N=shown(N, 0.001), B=floor, K=walk) for walk in walks)))
 
 
@@ -198,7 +196,7 @@ def test_the_picture_has_data_model_terms_and_ratio():
 TAU = np.geomspace(0.1, 1000, 20)
 
 
-def written(path, columns: int, header: str = "", delimiter: str = " "):
+def written(path, columns, header="", delimiter=" "):
     rows = np.column_stack([TAU, *[(1 + column) / np.sqrt(TAU) for column in range(columns)]])
     np.savetxt(path, rows, header=header, delimiter=delimiter)
     return path

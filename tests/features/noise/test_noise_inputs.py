@@ -17,14 +17,14 @@ from tinygc.features.noise.inputs import read_inputs
 class Kept:
     """Keeps what the statistics would sum."""
 
-    def __init__(self, rate_hz: float):
+    def __init__(self, rate_hz):
         self.rate_hz, self.parts = rate_hz, []
 
-    def add(self, samples: Samples) -> None:
+    def add(self, samples):
         self.parts.append(samples)
 
     @property
-    def samples(self) -> Samples:
+    def samples(self):
         return joined(self.parts)
 
 
@@ -37,11 +37,11 @@ def read(*given):
     return read_inputs(given)
 
 
-def rest(seconds: float = 20.0, seed: int = 0, **more) -> Samples:
+def rest(seconds=20.0, seed=0, **more):
     return Table().rest(seconds).samples(seed=seed, **more)
 
 
-def written(path, samples: Samples, header="t_s,gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g", t_s=None):
+def written(path, samples, header="t_s,gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g", t_s=None):
     """A text log in the units of a telephone's program."""
     rows = np.column_stack([samples.t_ns * 1e-9 if t_s is None else t_s, samples.gyro / DEG, samples.accel / G])
     columns = rows if header.startswith("t_s") else rows[:, 1:]
@@ -49,7 +49,7 @@ def written(path, samples: Samples, header="t_s,gx_dps,gy_dps,gz_dps,ax_g,ay_g,a
     return path
 
 
-def assert_same(found: Samples, true: Samples):
+def assert_same(found, true):
     assert len(found) == len(true)
     assert np.diff(found.t_ns) == pytest.approx(np.diff(true.t_ns), abs=2)
     assert found.gyro[:] == pytest.approx(true.gyro, abs=1e-7)
@@ -132,7 +132,7 @@ def test_what_turns_throughout_is_refused_in_one_line(plan, tmp_path):
 # What is refused
 
 
-def refused(*given) -> str:
+def refused(*given):
     with pytest.raises(CalibrationError) as error:
         read(*given)
     assert "\n" not in str(error.value)

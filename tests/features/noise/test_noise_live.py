@@ -1,7 +1,5 @@
 """How long a rest is enough, while it is recorded: when estimates run, what they say, and that no failure of theirs ends a recording."""
 
-from __future__ import annotations
-
 import threading
 from itertools import pairwise
 
@@ -23,7 +21,7 @@ DPH, G = DEG / 3600, 9.80665
 N, B, K = DEG / 60, DPH, DPH / 60
 
 
-def samples(seconds: float, start_s: float = 0.0, rate_hz: float = 50.0) -> Samples:
+def samples(seconds, start_s=0.0, rate_hz=50.0):
     t_ns = np.rint((start_s + np.arange(round(seconds * rate_hz)) / rate_hz) * 1e9).astype(np.int64)
     return Samples(t_ns, np.zeros((len(t_ns), 3)), np.zeros((len(t_ns), 3)), None)
 
@@ -31,25 +29,25 @@ def samples(seconds: float, start_s: float = 0.0, rate_hz: float = 50.0) -> Samp
 class Sums:
     """Stand for the statistics of a log."""
 
-    def __init__(self, rate_hz: float):
+    def __init__(self, rate_hz):
         self.rate_hz, self.count = rate_hz, 0
 
-    def add(self, samples: Samples) -> None:
+    def add(self, samples):
         self.count += len(samples)
 
 
-def sensor(axis, *others) -> SensorNoise:
+def sensor(axis, *others):
     return SensorNoise((axis, *(others or (axis, axis))))
 
 
 KNOWN = figures_of(sensor(axis_of(N=(0.3 * N, 0.003 * N), B=(3 * B, 0.3 * B), limits={"K": K})))
 
 
-def after(figures, kind, axis, name, relative) -> float:
+def after(figures, kind, axis, name, relative):
     return {"N": 600.0, "B": 11_160.0, "K": 40_000.0}[name]
 
 
-def finished(noise: LiveNoise) -> RestAnswer | None:
+def finished(noise):
     """The answer of the estimate that runs."""
     until(lambda: noise._thread is None or not noise._thread.is_alive())
     return noise.answer()

@@ -11,16 +11,12 @@ Tilt, skew and wobble are those of ``machines.description``.  The angle is said 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from tinygc.features.tables import board
 from tinygc.features.tables.machines import description, virtual_motion
-from tinygc.features.tables.machines.description import Description
-from tinygc.simulation.options import SimulatedUnit, SimulationOptions
-from tinygc.simulation.sensor import Motion
 
 #: a play too small for any encoder: its whole way is one step
 NO_PLAY_RAD = 1e-9
@@ -36,11 +32,11 @@ class AxisErrors(description.AxisErrors):
     ripple_phase: float = 0.0
     backlash: float = 0.0
 
-    def true_angle(self, reported: np.ndarray, sense: np.ndarray) -> np.ndarray:
+    def true_angle(self, reported, sense):
         """(N,) rad, of what the machine reports (N,) rad and the sense (N,) of its last motion."""
         return reported + self.periodic(reported, sense)
 
-    def periodic(self, reported: np.ndarray, sense: np.ndarray) -> np.ndarray:
+    def periodic(self, reported, sense):
         """(N,) rad by which it lies beside what the machine reports."""
         i1, i2, i3, i4 = self.index
         index = i1 * np.sin(reported) + i2 * np.cos(reported) + i3 * np.sin(2 * reported) + i4 * np.cos(2 * reported)
@@ -55,12 +51,12 @@ class TableErrors(description.TableErrors):
     latency_s: float = 0.0
 
     @classmethod
-    def none(cls, table: Description) -> TableErrors:
+    def none(cls, table):
         """A perfect table."""
         return cls(tuple(AxisErrors() for _ in table.axes))
 
 
-def true_attitudes(table: Description, errors: TableErrors, reported: np.ndarray, sense: np.ndarray) -> np.ndarray:
+def true_attitudes(table, errors, reported, sense):
     """``R_tb`` (N, 3, 3) with all errors, of angles said (N, K) rad and the senses (N, K) of the axes' last motions."""
     axes = tuple(description.AxisErrors(of.periodic(reported[:, k], sense[:, k]), of.skew, of.wobble) for k, of in enumerate(errors.axes))
     return description.true_attitudes(table, description.TableErrors(axes, errors.tilt), reported)
@@ -69,11 +65,11 @@ def true_attitudes(table: Description, errors: TableErrors, reported: np.ndarray
 class AxisTrack(virtual_motion.AxisTrack):
     """A motor with a play of ``backlash`` rad between it and its stage."""
 
-    def __init__(self, angle_rad: float = 0.0, backlash: float = 0.0):
+    def __init__(self, angle_rad=0.0, backlash=0.0):
         super().__init__(angle_rad)
         self._backlash = backlash
 
-    def said_and_sense(self, t_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def said_and_sense(self, t_s):
         """Angle said (N,) rad and sense (N,) at times (N,) s: the sense is where in its play the stage hangs, -1 to 1."""
         begins = [begin_s for begin_s, *_ in self._pieces]
         ways = [0.0, *np.diff([self._pieces[0][1], *self.reported(np.array(begins[1:]))])]
@@ -88,12 +84,10 @@ class AxisTrack(virtual_motion.AxisTrack):
         return np.clip(sense + 2 * way / max(self._backlash, NO_PLAY_RAD), -1.0, 1.0)
 
 
-def motion_on(
-    table: Description, errors: TableErrors, tracks: Sequence[AxisTrack], options: SimulationOptions, unit: SimulatedUnit
-) -> Motion:
+def motion_on(table, errors, tracks, options, unit):
     """Motion of a sensor on a table with errors; of a track without play no sense is known, and none matters."""
 
-    def body(t_s: np.ndarray) -> np.ndarray:
+    def body(t_s):
         reported = np.stack([track.reported(t_s) for track in tracks], axis=-1)
         return true_attitudes(table, errors, reported, np.zeros_like(reported))
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from imperfect_tables import AxisErrors, AxisTrack, TableErrors, motion_on, true_attitudes
@@ -42,7 +41,7 @@ class LostSteps:
     span_s: float = 0.1
 
 
-def fixed_moves(table: Description, count: int, rate_rps: float, seed: int = 0, step_rad: float = 30 * DEG) -> list[Move]:
+def fixed_moves(table, count, rate_rps, seed=0, step_rad=30 * DEG):
     """``count`` moves of one axis each, in turn, by multiples of a step within the axis' limits (a turn either way where it has none)."""
     rng, angles, found = np.random.default_rng(seed), np.zeros(len(table.axes)), []
     for number in range(count):
@@ -92,7 +91,7 @@ class Summary:
     fs_rps: float = 500 * DEG
 
 
-def draw(summary: Summary, seed: int) -> Observed:
+def draw(summary, seed):
     """One observed session; the same seed draws the same."""
     rng = np.random.default_rng(seed)
     table, errors, axes = summary.table, summary.errors, len(summary.table.axes)
@@ -117,7 +116,7 @@ def draw(summary: Summary, seed: int) -> Observed:
     )
     scatter = summary.repeatability * rng.normal(size=(len(rest_s), axes)) * [axis.sigma_rad for axis in table.axes]
 
-    def truth(at_s: np.ndarray, more: np.ndarray) -> np.ndarray:
+    def truth(at_s, more):
         reported, sense = np.stack([track.said_and_sense(at_s) for track in tracks], axis=-1)
         for axis, middle, span, rad in slips:
             reported[:, axis] -= rad * np.clip((at_s - middle) / span + 0.5, 0, 1)
@@ -143,7 +142,7 @@ def draw(summary: Summary, seed: int) -> Observed:
         rates[turn, middle] *= 1 - missing / (np.linalg.norm(rates[turn, middle]) * block_s[turn])
     duration_s, temp_c = float(t_s), np.full(len(rest_s), 25.0)
 
-    def movement(at_s: np.ndarray, dt_s: float, rate: np.ndarray, matrices: np.ndarray) -> Movement:
+    def movement(at_s, dt_s, rate, matrices):
         count = len(at_s)
         return Movement(at_s, dt_s, rate, -matrices[:, 2], np.full(count, 25.0), np.zeros(count), duration_s, summary.fs_rps, 25.0)
 
@@ -246,12 +245,12 @@ gravity_mps2 = 9.81
 """
 
 
-def unit(scale: float = 1.0, odr_hz: float = ODR_HZ) -> SimulatedUnit:
+def unit(scale=1.0, odr_hz=ODR_HZ):
     """A unit whose gyroscope reads scale times the rate."""
     return SimulatedUnit(np.eye(3) / scale, np.zeros(3), np.eye(3), np.zeros(3), np.zeros(3), odr_hz, 0.0)
 
 
-def steps(rates_dps, dwell_s: float) -> tuple[AxisTrack, float]:
+def steps(rates_dps, dwell_s):
     """A track that turns at one rate after the other; and when it ends, s."""
     track, t_s = AxisTrack(), 1.0
     for rate in rates_dps:
@@ -262,9 +261,9 @@ def steps(rates_dps, dwell_s: float) -> tuple[AxisTrack, float]:
 
 
 def record(
-    folder: Path,
+    folder,
     track,
-    ends_s: float,
+    ends_s,
     *,
     scale=1.0,
     distort=None,

@@ -8,8 +8,7 @@ from __future__ import annotations
 import contextlib
 import queue
 import time
-from collections.abc import Callable, Sequence
-from pathlib import Path
+from collections.abc import Callable
 
 import numpy as np
 from imperfect_tables import TableErrors, motion_on
@@ -23,7 +22,7 @@ from session.bench.guided_session import GuidedRecording
 from session.bench.recorder import Recorder
 from session.bench.session_file import SessionFile
 from session.log.written import toml_text
-from tinygc.features.tables.machines.description import Description, read_description
+from tinygc.features.tables.machines.description import read_description
 from tinygc.features.tables.machines.link import TableFault
 from tinygc.features.tables.machines.makes import open_table
 from tinygc.features.tables.machines.safety import Guarded, Move
@@ -32,7 +31,7 @@ from tinygc.features.tables.machines.virtual_motion import Fault
 from tinygc.features.tables.recording import TurnedRecording
 from tinygc.planning.coach import Coach
 from tinygc.simulation.options import SimulationOptions
-from tinygc.simulation.sensor import RegisterLog, SensorModel
+from tinygc.simulation.sensor import SensorModel
 from tinygc.simulation.simulator import unit_of
 from tinygc.simulation.virtual_board import info_of
 from tinygc.simulation.write import config_of
@@ -52,10 +51,10 @@ class VirtualBench:
 
     def __init__(
         self,
-        description: Description,
-        options: SimulationOptions,
-        errors: TableErrors | None = None,
-        faults: Sequence[Fault] = (),
+        description,
+        options,
+        errors=None,
+        faults=(),
     ):
         self.clock, self.options, self.errors = SimulatedClock(), options, errors or TableErrors.none(description)
         self.description = description
@@ -69,26 +68,26 @@ class VirtualBench:
         self.holds: Callable[[], bool] = lambda: False
         self.sent = 0
 
-    def opened(self, description: Description, folder: Path | None = None) -> Guarded:
+    def opened(self, description, folder=None):
         """The host's side of the table, as from ``open_table``."""
         return Guarded(open_table(description, folder, VirtualLink(self.virtual, self.clock), self.clock), self.clock)
 
-    def home(self) -> None:
+    def home(self):
         """Search the reference marks, before the board is switched on."""
         with self.opened(self.description) as table:
             table.confirm([Move.home()], None, lambda line: None)
             table.home()
             table.settle()
 
-    def skip(self) -> None:
+    def skip(self):
         """Nobody has heard what the board has sent by now."""
         self._take()
 
-    def port(self, name: str, baudrate: int, keep: Callable[[object], None], setup: object) -> BenchPort:
+    def port(self, name, baudrate, keep, setup):
         """The port of the board, for ``Recorder(port=…)``."""
         return BenchPort(self, keep)
 
-    def arrival(self) -> bytes:
+    def arrival(self):
         """Let time pass, and return the frames that the board has sent meanwhile."""
         self.clock.sleep(EVERY_S)
         before, log = self.sent, self._take()
@@ -97,11 +96,11 @@ class VirtualBench:
         return b"" if self.silent else text
 
     @property
-    def _every(self) -> int:
+    def _every(self):
         """Samples between two infos: one a second."""
         return round(self.unit.odr_hz)
 
-    def _take(self) -> RegisterLog:
+    def _take(self):
         """The samples since the last ones."""
         count = int(self.clock.now_s() * self.unit.odr_hz) - self.sent
         self.sent += count
@@ -111,12 +110,12 @@ class VirtualBench:
 class BenchPort:
     """Stands for ``session.bench.port.Port``: it is its own queue of items."""
 
-    def __init__(self, bench: VirtualBench, keep: Callable[[object], None]):
+    def __init__(self, bench, keep):
         self.name, self.items = PORT, self
         self._bench, self._keep = bench, keep
         self._opened = False
 
-    def get(self, timeout: float | None = None) -> object:
+    def get(self, timeout=None):
         """The next item; time passes."""
         if self._bench.holds():
             time.sleep(HOLD_S)
@@ -130,22 +129,22 @@ class BenchPort:
             raise queue.Empty
         return self._kept(text)
 
-    def get_nowait(self) -> object:
+    def get_nowait(self):
         """There is never more than one."""
         raise queue.Empty
 
-    def empty(self) -> bool:
+    def empty(self):
         """There is never one that waits."""
         return True
 
-    def close(self) -> None:
+    def close(self):
         """The recording ends."""
 
     @property
-    def _host_ns(self) -> int:
+    def _host_ns(self):
         return round(self._bench.clock.now_s() / NS)
 
-    def _kept(self, what: object) -> object:
+    def _kept(self, what):
         item = self._host_ns, what
         self._keep(item)
         return item
@@ -165,7 +164,7 @@ word = "{word}"
 DIRECTIONS = {"outer": [0, 0, 1], "middle": [0, 1, 0], "inner": [1, 0, 0]}
 
 
-def table_toml(*names: str, make: str = "grbl", limits: dict | None = None, fastest: float = 90.0) -> str:
+def table_toml(*names, make="grbl", limits=None, fastest=90.0):
     """A table.toml with some of the axes outer, middle, inner."""
     text = f'schema = "tinygc-table/1"\nname = "bench"\nmake = "{make}"\n'
     for word, name in zip("XYZ", names, strict=False):
@@ -188,14 +187,14 @@ class Said:
         pass
 
     @property
-    def texts(self) -> list[str]:
+    def texts(self):
         return [change.text for change in self.changes]
 
 
 class Bench:
     """A table.toml and its virtual bench; ``record`` leads a recording to its end, again and again into the same folder."""
 
-    def __init__(self, folder: Path, toml: str, errors: TableErrors | None = None, faults: str = ""):
+    def __init__(self, folder, toml, errors=None, faults=""):
         self.folder, self.file = folder / "session", folder / "table.toml"
         self.file.write_text(toml)
         self.description = read_description(self.file)
@@ -205,7 +204,7 @@ class Bench:
         text = toml_text(config_of(OPTIONS, self.bench.unit))
         (self.folder / "session.toml").write_text(text.replace("SIM-", ""))
 
-    def repair(self) -> None:
+    def repair(self):
         """Somebody has put the table right, and has homed it."""
         mechanics = self.bench.virtual.mechanics
         mechanics.release()

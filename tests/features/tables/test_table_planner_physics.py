@@ -1,7 +1,5 @@
 """What a machine may turn next: turns that end where their parts carry the board, within the limits of the axes and of a segment."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -51,7 +49,7 @@ def test_turns_from_one_place_are_found_once(moves):
     assert moves.turns_from(None, 10.0)[0].cost_s == first[0].cost_s + 1.5
 
 
-def _description(toml: str):
+def _description(toml):
 
     with TemporaryDirectory() as folder:
         path = Path(folder) / "table.toml"

@@ -1,7 +1,5 @@
 """Sessions that a machine turns, whole: on a virtual table with a virtual board on it; faults, and the comparison afterwards."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil
@@ -38,7 +36,7 @@ def patience(monkeypatch):
     monkeypatch.setattr("session.bench.guided_session.LAST_WORD_S", PATIENCE_S)
 
 
-def warnings(reported) -> list[str]:
+def warnings(reported):
     return [change.text for change in reported.changes if change.kind is Kind.WARNING]
 
 
@@ -132,7 +130,7 @@ def test_a_plan_that_nobody_confirms_moves_nothing(tmp_path, monkeypatch, capsys
     assert [track.state(bench.bench.clock.now_s())[0] for track in bench.bench.virtual.tracks] == [0.0, 0.0]
 
 
-def rates_of(bench, log="rates0001.csv") -> np.ndarray:
+def rates_of(bench, log="rates0001.csv"):
     """(N,) dps of the gyroscope's x, its true calibration applied."""
     rows = np.genfromtxt(bench.folder / log, delimiter=",", comments="#", skip_header=2)
     gyro = rows[:, 1:4] * gyro_rps_per_lsb(500) @ bench.bench.unit.E.T + bench.bench.unit.B

@@ -3,8 +3,6 @@
 ``OWN`` is a make's file of one's own, with what no shipped make has; its controller is here.
 """
 
-from __future__ import annotations
-
 import threading
 from pathlib import Path
 from typing import Protocol
@@ -12,7 +10,6 @@ from typing import Protocol
 import numpy as np
 
 from session.base.units import DEG
-from session.bench.clocks import Clock
 from tinygc.features.tables.machines.description import Axis, Description
 from tinygc.features.tables.machines.link import PRESS, TableFault
 from tinygc.features.tables.machines.makefile import read_make
@@ -28,15 +25,15 @@ POLL_S = 0.01
 class SimulatedClock:
     """Time that passes only where somebody waits: hours of a virtual table within a second."""
 
-    def __init__(self, now_s: float = 0.0):
+    def __init__(self, now_s=0.0):
         self._now_s = now_s
         self._lock = threading.Lock()
 
-    def now_s(self) -> float:
+    def now_s(self):
         """Seconds so far."""
         return self._now_s
 
-    def sleep(self, seconds: float) -> None:
+    def sleep(self, seconds):
         """Let a time pass at once."""
         with self._lock:
             self._now_s += max(seconds, 0.0)
@@ -46,11 +43,11 @@ class Device(Protocol):
     """A virtual device, such as a ``VirtualTable``."""
 
     @property
-    def is_connected(self) -> bool:
+    def is_connected(self):
         """Whether the cable is in."""
         ...
 
-    def feed(self, data: bytes = b"") -> bytes:
+    def feed(self, data=b""):
         """Take what was sent; what is received by now."""
         ...
 
@@ -58,17 +55,17 @@ class Device(Protocol):
 class VirtualLink:
     """A virtual device in this process: what is sent is answered at once, and waiting turns its clock on."""
 
-    def __init__(self, device: Device, clock: Clock):
+    def __init__(self, device, clock):
         self.device, self._clock = device, clock
         self._lock, self._received = threading.Lock(), b""
         #: everything that was sent, for tests
         self.sent = b""
 
-    def write(self, data: bytes) -> None:
+    def write(self, data):
         """Send bytes."""
         self._feed(data)
 
-    def read(self, longest_s: float) -> bytes:
+    def read(self, longest_s):
         """What has come."""
         end_s = self._clock.now_s() + longest_s
         while True:
@@ -79,10 +76,10 @@ class VirtualLink:
                 return data
             self._clock.sleep(POLL_S)
 
-    def close(self) -> None:
+    def close(self):
         """Nothing is held."""
 
-    def _feed(self, data: bytes) -> None:
+    def _feed(self, data):
         with self._lock:
             self.sent += data
             self._received += self.device.feed(data)

@@ -23,7 +23,7 @@ from tinygc.simulation.simulator import unit_of
 CHIP = SimpleNamespace(**vars(SimulationOptions()) | {"odr_hz": 13.0})
 
 
-def rest_samples(**options) -> Samples:
+def rest_samples(**options):
     made, _ = simulate_rest(RestOptions(**{"cycles": 3.0, "cycle_s": 1800.0, **options}), CHIP, 0)
     gyro, accel = made.gyro * gyro_rps_per_lsb(CHIP.gyro_fs_dps), made.accel * accel_mps2_per_lsb(CHIP.accel_fs_g)
     return Samples(made.t_us * 1000, gyro, accel, RegisterUnits(DEFAULT, None, None).temperature_c(made.temp))

@@ -587,7 +587,7 @@ def test_a_session_is_brought_to_its_mean_temperature():
         join([], None)
 
 
-def joined(sessions, rests) -> ThermalFit:
+def joined(sessions, rests):
     return ThermalFit("name", sessions.model, sessions.covariance, rests, sessions, {})
 
 

@@ -29,7 +29,7 @@ FEW = Wrong(turns=16, every_s=0.5)
 SHORT = Wrong(turns=10, frame="enu")
 
 
-def true_model(E) -> LinearModel:
+def true_model(E):
     return LinearModel(E, -E @ np.multiply(BIAS_DPS, DEG))
 
 

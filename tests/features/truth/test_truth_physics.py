@@ -79,7 +79,7 @@ from tinygc.reporting.html.sections.explanation import section
 
 
 @pytest.fixture(scope="module")
-def twin() -> TruthTwin:
+def twin():
     """Of a truth that is 0.02 degrees off, and said to be 0.1."""
     session, _ = made(Wrong())
     protocol = replace(session.config.protocol, truth_sigma_deg=0.1)

@@ -47,7 +47,7 @@ class Wrong:
     given: TruthGiven = field(default_factory=TruthGiven)
 
 
-def made(wrong: Wrong, seed: int = 1) -> tuple[Session, np.ndarray]:
+def made(wrong, seed=1):
     """The session, its truth read by what is given, and the gyro's true matrix (3, 3): rate = matrix (measured - bias)."""
     table, rng = Table(), np.random.default_rng(seed)
     for _ in range(wrong.turns):
@@ -73,7 +73,7 @@ def made(wrong: Wrong, seed: int = 1) -> tuple[Session, np.ndarray]:
     return Session(Path("made"), config, (log,), (), None, TruthFiles((read,), wrong.sigma_deg)), E
 
 
-def write(folder: Path, wrong: Wrong, seed: int = 1, more: str = "") -> Path:
+def write(folder, wrong, seed=1, more=""):
     """The same as a folder; more: lines for session.toml."""
     session, _ = made(wrong, seed)
     samples, (truth,) = session.logs[0].samples, session.reference.truths

@@ -1,7 +1,6 @@
 """Simulated recordings of a gyroscope alone on a turntable: rests, and turns about one fixed axis, exact to the trapezoid."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -19,7 +18,7 @@ from tinygc.features.turns.folder import GyroLog, _full_scale, _rate_hz, _refuse
 RAMP_S = 0.2
 
 
-def turn_session(logs: Sequence[GyroLog], turns: Sequence[KnownTurn], gyro_fs_dps: float | None = None) -> Session:
+def turn_session(logs, turns, gyro_fs_dps=None):
     """A session of logs that were never files; ``turns`` name their logs as they are named here."""
     _refuse(logs)
     held = []

@@ -1,7 +1,5 @@
 """The certificate and its DCC: what is on them, what leaves a draft, the report's numbers with one U, valid by PTB's schema."""
 
-from __future__ import annotations
-
 import gzip
 import json
 import re
@@ -24,7 +22,6 @@ from session.base.toml import parse_toml
 from session.base.units import DEG, MG
 from session.log.config import config_of
 from tinygc.estimation.spread import ZERO, Spread
-from tinygc.explanation.reported import ReportData
 from tinygc.features.unit.certificate.content import Certificate, page
 from tinygc.features.unit.certificate.dcc_file import UNITS, dcc_text
 from tinygc.features.unit.certificate.given import REQUIRED
@@ -162,7 +159,7 @@ upper = 100
 """
 
 
-def with_fields(data: ReportData, fields: str = FIELDS, serial: str = "Serialword") -> ReportData:
+def with_fields(data, fields=FIELDS, serial="Serialword"):
     """The data of a report whose session.toml has these sections as well; nothing is fitted again."""
     session = data.fit.session
     folder = Path(RECORDED.name) / session.folder.name
@@ -199,12 +196,12 @@ def filled(made):
     return Certificate(made, LinearModel(1.001 * new.E, new.B), "old.json")
 
 
-def words_of(content) -> str:
+def words_of(content):
     body = re.sub(r"<style>.*?</style>", " ", page(content), flags=re.DOTALL)
     return " ".join(unescape(re.sub(r"<[^>]*>", " ", body)).split())
 
 
-def values_of(rows) -> dict:
+def values_of(rows):
     return {each.name: each for each in rows}
 
 
@@ -372,7 +369,7 @@ def faults(shared):
     etree = pytest.importorskip("lxml.etree", reason="lxml validates the certificate against PTB's schema")
     schema = etree.XMLSchema(etree.parse(str(shared / "wild" / "dcc" / "v3.3.0" / "dcc.xsd"), etree.XMLParser(no_network=True)))
 
-    def said(text: str) -> list[str]:
+    def said(text):
         schema.validate(etree.fromstring(text.encode("utf-8")))
         return [f"{error.line}: {error.message}" for error in schema.error_log]
 

@@ -1,10 +1,7 @@
 """``history`` from the command line and in Python: folders, fleets, dates, files, exit codes, and what it refuses."""
 
-from __future__ import annotations
-
 import json
 import shutil
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,7 +13,7 @@ from session.base.units import DEG
 from tinygc.estimation.spread import ZERO
 
 
-def moved_copies(folder: Path, parent: Path, biases_dps, dates=None) -> list[Path]:
+def moved_copies(folder, parent, biases_dps, dates=None):
     """Copies of a fitted folder as other sessions of its unit: another bias in the fit, another log by a remark at its end."""
     made = []
     for number, moved in enumerate(biases_dps):

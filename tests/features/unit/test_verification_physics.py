@@ -52,7 +52,7 @@ from tinygc.planning.proposals import TARGETS
 SIZES = {CLOSURE: 24, STILL: 18, LENGTH: 12}
 
 
-def made_rows(seed=0, change=None, noise=1.0, with_turns=True, **more) -> Rows:
+def made_rows(seed=0, change=None, noise=1.0, with_turns=True, **more):
     """r = noise - A change: closures by E and B and the accelerometer, rates at rest by E and B, lengths by the accelerometer.
 
     change (21,): in plausible sizes.
@@ -87,7 +87,7 @@ def made_rows(seed=0, change=None, noise=1.0, with_turns=True, **more) -> Rows:
     return replace(made, **more)
 
 
-def part(rows: Rows, which, sigma, freedom=np.inf, name="switch-on") -> ExpectedPart:
+def part(rows, which, sigma, freedom=np.inf, name="switch-on"):
     """An expected change of some of the parameters."""
     into = np.zeros((COUNT, len(sigma)))
     into[which] = np.diag(sigma)
@@ -274,7 +274,7 @@ def test_degrees_of_freedom_of_a_size_with_a_sigma():
 # Causes and costs
 
 
-def single(rows, name="one", column=MATRIX_OF_21[0], size=1.0) -> Cause:
+def single(rows, name="one", column=MATRIX_OF_21[0], size=1.0):
     into = np.zeros((COUNT, 1))
     into[column] = size * PLAUSIBLE[column]
     return Cause(name, name, rows.parameters @ into, into, np.array([size * PLAUSIBLE[column]]), "", 1.0, ("",), f"mend {name}")

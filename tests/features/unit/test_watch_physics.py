@@ -29,7 +29,7 @@ from tinygc.estimation.spread import ZERO
 from tinygc.features.unit.watch import source
 from tinygc.features.unit.watch.alarms import AlarmCommand, JsonLines
 from tinygc.features.unit.watch.bars import bar_of, run_length, squares_run_length
-from tinygc.features.unit.watch.detector import PROCESSES, Detector, Reading, Window, WindowResult, ZeroFilter, _response, change_of
+from tinygc.features.unit.watch.detector import PROCESSES, Detector, Window, WindowResult, ZeroFilter, _response, change_of
 from tinygc.features.unit.watch.expectation import (
     BLOCKS,
     CLIP,
@@ -37,7 +37,6 @@ from tinygc.features.unit.watch.expectation import (
     TIMES_S,
     AtRest,
     Expectation,
-    Settings,
     _drift,
     expect,
     settings,
@@ -49,7 +48,7 @@ from tinygc.models.linear import BIAS, LinearModel
 from tinygc.models.model import KnownSensor
 
 
-def flat(**other) -> Expectation:
+def flat(**other):
     """Figures without wander."""
     none = np.zeros(3)
     given = {
@@ -74,12 +73,12 @@ def flat(**other) -> Expectation:
     return Expectation(gyro=gyro, accel=accel, **given)
 
 
-def chosen(every_windows: float = 1e6, **other) -> Settings:
+def chosen(every_windows=1e6, **other):
     """The detector's numbers of ``flat``."""
     return settings(flat(**other), every_windows * 1.92)
 
 
-def reading(rate: np.ndarray, gravity: np.ndarray | float = 0.0, warmer: float = 0.0, direction=(0.0, 0.0, -1.0)) -> Window:
+def reading(rate, gravity=0.0, warmer=0.0, direction=(0.0, 0.0, -1.0)):
     """A window of normalised rates (3, S)."""
     copies = rate.shape[1]
     along, whole = np.repeat(np.array(direction)[:, None], copies, axis=1), np.ones(copies)
@@ -89,7 +88,7 @@ def reading(rate: np.ndarray, gravity: np.ndarray | float = 0.0, warmer: float =
 # Bars
 
 
-def siegmund(shift: float, bar: float) -> float:
+def siegmund(shift, bar):
     """Siegmund's closed form (1985, 2.56), L(0) ~ (exp(2 k b) - 2 k b - 1) / (2 k^2) with k = shift / 2 and b = bar / shift + 1.166."""
     b = bar / shift + 1.166
     return float((np.exp(shift * b) - shift * b - 1) / (shift**2 / 2))
@@ -117,7 +116,7 @@ def test_run_lengths_of_squares_have_their_limits():
 WINDOW_S = 1.92
 
 
-def windows(detector: Detector, *parts) -> list:
+def windows(detector, *parts):
     """WindowResult windows of readings."""
     return [result for part in parts for _, result in detector.feed(part.gyro, part.accel, part.temp) if result is not None]
 
@@ -360,20 +359,20 @@ def test_the_temperature_of_the_calibration_is_that_of_the_models_file(tmp_path)
 COUNT, BEGAN = 40, 25
 
 
-def records(mean: np.ndarray, sigma: float = 1.0) -> list[Reading]:
+def records(mean, sigma=1.0):
     """Windows 2 s apart with these innovations of gravity, in sigmas."""
     none = np.zeros((5, 1))
     window, one = reading(np.zeros((3, 1))), np.array([[1.0], [sigma]])
     return [(2.0 * i, WindowResult(window, np.array([[0.0], [0.0], [0.0], [z]]), one, none, none, none, none)) for i, z in enumerate(mean)]
 
 
-def forms_of(count: int, ramp: bool, places: int = 200) -> np.ndarray:
+def forms_of(count, ramp, places=200):
     """(K, N) of a change of size one now that begins at any of so many places of each window."""
     since = np.arange(count) - np.arange(0, count - 1e-9, 1 / places)[:, None]
     return np.maximum(since, 0) / np.maximum(since[:, -1:], 1e-9) if ramp else np.clip(since + 1, 0, 1)
 
 
-def gains(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def gains(z):
     """Log likelihood ratios (K,) of a step and of a ramp from each moment on, against none."""
     step, ramp = (
         (forms @ z) ** 2 / 2 / np.maximum(np.sum(forms**2, axis=1), 1e-12) for forms in (forms_of(len(z), ramp) for ramp in (False, True))
@@ -381,7 +380,7 @@ def gains(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return step, ramp
 
 
-def shape(name: str) -> np.ndarray:
+def shape(name):
     after = np.maximum(np.arange(COUNT) - BEGAN, -1.0)
     return np.where(after >= 0, 1.0 if name == "step" else after, 0.0)
 
@@ -395,7 +394,7 @@ def test_a_form_is_said_where_it_is_twenty_times_likelier(name):
         assert change_of(records(z), 3, COUNT - 1 - BEGAN, chosen()).kind == said
 
 
-def integrated(z: np.ndarray, forms: tuple[bool, ...], best: float) -> tuple[float, float]:
+def integrated(z, forms, best):
     """Mean and sigma of the size now, by direct integration over sizes, moments and forms (a ramp or none), with a normal prior of the
     size, three times the best one wide."""
     size = np.linspace(-12, 12, 1201) * best
@@ -477,7 +476,7 @@ def test_its_slope_is_that_of_the_attitude():
     """Against finite differences of each element of E, and of a zero."""
     measured, dt = 2 * np.sin(np.arange(400)[:, None] / [50, 70, 90] + [0, 1, 2]), np.full(400, 0.0025)
 
-    def end(vector: np.ndarray) -> Turn:
+    def end(vector):
         turn = Turn()
         turn.add(LinearModel.from_vector(vector)(measured), measured, dt)
         return turn
@@ -563,12 +562,12 @@ class Datagrams:
         self.items = source.items_of(self.name, SourceOptions(), NO_SENSOR)
         assert next(self.items) is None  # it listens
 
-    def send(self, address: str, seed: int, start_s: float = 0.0) -> None:
+    def send(self, address, seed, start_s=0.0):
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
             sender.bind((address, 0))
             sender.sendto(csv(samples(1, seed, start_s=start_s)).encode(), ("127.0.0.1", self._port))
 
-    def until_idle(self) -> list:
+    def until_idle(self):
         return list(itertools.takewhile(lambda item: item is not None, self.items))
 
 
@@ -586,7 +585,7 @@ def test_a_sender_of_datagrams_is_an_address_and_behind_its_silence_another_one(
     assert sum(isinstance(item, Remark) and item.kind == RESTART for item in first) == 1
     assert sum(len(item.t_ns) for item in first if isinstance(item, Applicable)) >= 295
 
-    def is_followed() -> bool:
+    def is_followed():
         udp.send("127.0.0.2", 5)
         return any(isinstance(item, Remark) and "127.0.0.2 is followed" in item.words for item in udp.until_idle())
 

@@ -1,7 +1,5 @@
 """The watch of a stream: rests, alarms in words, gaps, restarts, garbage, commands, files that cannot be written."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import os
@@ -96,7 +94,7 @@ def test_a_restart_is_another_switch_on():
 # The command
 
 
-def run(*words) -> int:
+def run(*words):
     return calibrate.main(["watch", *map(str, words)])
 
 

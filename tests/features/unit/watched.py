@@ -23,14 +23,14 @@ WHITE, ACCEL_WHITE = GYRO * DEG / np.sqrt(2), ACCEL * G / np.sqrt(2)
 COVARIANCE = np.diag(np.r_[np.full(9, 1e-4**2), np.full(3, 1e-5**2)])
 
 
-def known(spread_dps: float = 0.1, model: LinearModel | None = None) -> UnitState:
+def known(spread_dps=0.1, model=None):
     """A model in use whose figures are those of ``samples``."""
     noise = {"gyro_dps_rthz": [GYRO] * 3, "accel_g_rthz": [ACCEL] * 3, "gyro_bias_instability_dph": 0.0}
     table = {"covariance": COVARIANCE.tolist(), "bias_sigma_rps": [spread_dps * DEG] * 3}
     return UnitState(Path("model.json"), model or LinearModel(np.eye(3), np.zeros(3)), table, {"noise": noise})
 
 
-def samples(seconds: float, seed: int, zero_dps=(0.0, 0.0, 0.0), start_s: float = 0.0, force=(0.0, 0.0, -G)) -> Applicable:
+def samples(seconds, seed, zero_dps=(0.0, 0.0, 0.0), start_s=0.0, force=(0.0, 0.0, -G)):
     """A rest with white noise."""
     rng, count = np.random.default_rng(seed), round(seconds * RATE_HZ)
     rate = np.array(zero_dps) * DEG + rng.normal(size=(count, 3)) * WHITE * np.sqrt(RATE_HZ)
@@ -39,7 +39,7 @@ def samples(seconds: float, seed: int, zero_dps=(0.0, 0.0, 0.0), start_s: float 
     return Applicable(stamps, rate, accel, None)
 
 
-def joined(*parts: Applicable) -> Applicable:
+def joined(*parts):
     """One after the other, at the sensor's rate."""
     count = sum(len(part.t_ns) for part in parts)
     stamps = np.rint(np.arange(count) / RATE_HZ * 1e9).astype(np.int64)
@@ -47,7 +47,7 @@ def joined(*parts: Applicable) -> Applicable:
     return Applicable(stamps, gyro, accel, None)
 
 
-def turning(turns: int, seed: int, scale=(1.0, 1.0, 1.0), rest_s: float = 4.0, angle_deg: float = 180.0, turn_s: float = 3.0) -> Applicable:
+def turning(turns, seed, scale=(1.0, 1.0, 1.0), rest_s=4.0, angle_deg=180.0, turn_s=3.0):
     """Rests, and between them turns about changing axes, exact but for noise and the scale of each axis."""
     rng, table = np.random.default_rng(seed), Table().rest(rest_s)
     for _ in range(turns):
@@ -57,7 +57,7 @@ def turning(turns: int, seed: int, scale=(1.0, 1.0, 1.0), rest_s: float = 4.0, a
     return Applicable(still.t_ns, still.gyro + rate * scale, still.accel + attitude.inv().apply([0.0, 0.0, -G]), None)
 
 
-def watched(readings: Applicable, piece: int = 700, **options) -> tuple[Watch, list[Event]]:
+def watched(readings, piece=700, **options):
     """All events of readings in pieces."""
     live = Watch(options.pop("known", None) or known(), **options)
     events: list[Event] = []
@@ -67,12 +67,12 @@ def watched(readings: Applicable, piece: int = 700, **options) -> tuple[Watch, l
     return live, [*events, *live.end()]
 
 
-def of_kind(events: list[Event], kind: str) -> list[Event]:
+def of_kind(events, kind):
     """Those of a kind."""
     return [event for event in events if event.kind == kind]
 
 
-def model_file(path: Path) -> Path:
+def model_file(path):
     """A model's file with what a watch needs of it."""
     used = known()
     more = used.table | {"accelerometer": accelerometer_table(Accelerometer(np.eye(3), np.zeros(3), "given"))}
@@ -80,7 +80,7 @@ def model_file(path: Path) -> Path:
     return path
 
 
-def csv(readings: Applicable) -> str:
+def csv(readings):
     """As lines of a board in physical units."""
     rows = zip(readings.t_ns.tolist(), readings.gyro.tolist(), readings.accel.tolist(), strict=True)
     lines = ["t_us,gx_rps,gy_rps,gz_rps,ax_mps2,ay_mps2,az_mps2"]

@@ -107,21 +107,6 @@ def test_the_source_is_the_one_asked_for_or_shown_to_be_better(monkeypatch, aske
 
 
 @pytest.mark.parametrize(
-    ("asked", "used", "unseen", "of_prior", "words"),
-    [
-        ("auto", "stills", False, False, "of each turn from the stills around it (which closes held-out turns better);"),
-        ("auto", "ends", False, True, "from the ends of the turns (so few turns do not show that the stills are better, p = 0.031);"),
-        ("auto", "stills", True, False, "of each turn from the stills around it: the ends of so few turns do not show it."),
-        ("auto", "stills", False, True, "with a prior and few turns, using their ends is not significantly better."),
-        ("stills", "stills", True, True, "(as requested); held out with the ends 5.0000°, with the stills 1.0000°."),
-    ],
-)
-def test_a_choice_says_why(asked, used, unseen, of_prior, words):
-    held = {"ends": np.array([[3.0, 4.0]]) * DEG, "stills": np.array([[0.0, 1.0]]) * DEG}
-    assert words in BiasChoice(asked, used, held, 0.0312, unseen, of_prior).words
-
-
-@pytest.mark.parametrize(
     ("stills", "why"), [(1.009, "both close held-out turns within 1 %"), (0.991, "both"), (1.011, "which closes"), (0.989, "so few turns")]
 )
 def test_ends_and_stills_are_alike_within_a_percent(stills, why):

@@ -25,9 +25,6 @@ def accelerometer(matrix="[[1, 0, 0], [0, 1, 0], [0, 0, 1]]", bias="[0, 0, 0]"):
     [
         (accelerometer("[[1e308, 0, 0], [0, 1e-308, 0], [0, 0, 1]]"), "accelerometer.matrix[0][0] is 1e+308, expected a number within 100"),
         (accelerometer("[[-1, 0, 0], [0, -1, 0], [0, 0, -1]]"), "accelerometer.matrix is of determinant -1: it mirrors the axes"),
-        (accelerometer(bias="[1e308, 0, 0]"), "accelerometer.bias_mps2[0] is 1e+308, expected a number within 98066.5"),
-        (accelerometer(bias="[nan, 0, 0]"), "accelerometer.bias_mps2[0] is NaN, which is not finite"),
-        (TOML.replace("104.0", "1e308"), "sensor.odr_hz is 1e+308, expected a number from 0.1 to 50000"),
     ],
 )
 def test_a_session_toml_with_numbers_that_nobody_has_is_refused(toml, says, tmp_path):

@@ -13,19 +13,12 @@ import pytest
 from conftest import ROOT, SESSION_TOML, Table, write_session
 from feature import feature
 from formats_page import strangers
-from processes import HEADER, QUICK, as_it_stands, refused, spoil
+from processes import HEADER, QUICK, refused, spoil
 
 from tinygc.cli.arguments import parser
 from tinygc.cli.commands import commands
 
 # Screens: of a session of four turns; that of a fit stands in docs/tutorial.md.
-
-
-def masked(text):
-    """The words: numbers and the widths of columns left out."""
-    text = re.sub(r"[-−+]?\d[\d.,]*(e[-+]\d+)?", "#", text)
-    text = re.sub(r"[─━═╭╮╰╯│┃▁▂▃▄▅▆▇█ \t]+", " ", text)
-    return "\n".join(line.strip() for line in text.splitlines() if line.strip()) + "\n"
 
 
 @pytest.fixture(scope="module")
@@ -36,28 +29,6 @@ def four(tmp_path_factory):
         Table().tumble(4, seed=2).samples(odr_hz=104),
         toml=SESSION_TOML.replace("208.0", "104.0"),
     )
-
-
-LINES = (
-    "check four",
-    "fit four --out fitted",
-    "check four --plan 2",
-    "check .",
-    "fit four --accelerometer alone --out copy",
-    "import four/log0001.csv --out again --gyro-fs 500 --accel-fs 4",
-    "simulate --segments 3 --closure 0 --odr-hz 104 --out made",
-    "sensors ASM330LHH",
-)
-
-
-def test_the_screens_are_as_they_stand(run, four, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    Path("four").symlink_to(four)
-    said = []
-    for line in LINES:
-        code, out, err = run(*line.split())
-        said.append(f"$ calibrate {line}\n{masked(out)}--\n{masked(err)}exit code {code}\n")
-    as_it_stands("four.txt", "\n".join(said))
 
 
 # Streams

@@ -18,7 +18,6 @@ from session.detect.axes import (
     _SIGNED_PERMUTATIONS,
     IDENTITY,
     Turns,
-    _axes_in_words,
     _closures,
     _counted_at,
     _cut_turns,
@@ -212,23 +211,6 @@ def test_usual_mistakes_have_their_factors(good):
     for step, missing in ((to_span, 1 / st), (st * to_span, st)):
         assert set(_mistakes(sensor, True, step * 1.0019)) == usual - {missing}
         assert set(_mistakes(sensor, True, step * 1.0021)) == usual
-
-
-@pytest.mark.parametrize(
-    ("axes", "words"),
-    [
-        (np.diag([1, -1, 1]), "the gyro's y has the wrong sign; its triad is left-handed"),
-        (np.diag([-1, -1, 1]), "the gyro's x and y have the wrong sign"),
-        (-np.eye(3), "all three axes of the gyro have the wrong sign; its triad is left-handed"),
-        (np.eye(3)[[1, 2, 0]], "the gyro's axes are in a wrong order; true x is the logged +y, y is the logged +z, z is the logged +x"),
-        (
-            np.diag([1, 1, -1.0])[[1, 0, 2]],
-            "the gyro's x and y are exchanged; z has the wrong sign; true x is the logged +y, y is the logged +x, z is the logged -z",
-        ),
-    ],
-)
-def test_wrong_axes_in_words(axes, words):
-    assert _axes_in_words(np.asarray(axes, dtype=float)) == words
 
 
 def turned_by(vector, blocks=7):

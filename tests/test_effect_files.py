@@ -101,18 +101,6 @@ def test_a_broken_file_is_named_in_one_line(name, effects):
     assert "\n" not in str(caught.value)
 
 
-def test_the_command_says_a_folder_that_cannot_be_used_in_one_line(effects, tmp_path, run, simulated):
-    (effects / "broken.py").write_text("X = 1\n")
-    for folder, says in (
-        (effects, f"{effects / 'broken.py'}: defines no EFFECT"),
-        (tmp_path / "nowhere", "no such folder; --effects names a folder of files that define EFFECT"),
-        (tmp_path, "no effect in it"),
-        (effects / "made_up.py", f"that is a file; give its folder, {effects}"),
-    ):
-        code, out, err = run("fit", simulated(), "--effects", folder)
-        assert (code, out, err.count("\n"), says in err) == (2, "", 1, True), err
-
-
 def test_no_python_in_a_session_folder_is_run(folder, tmp_path, run):
     """Nor beside a model."""
     ran = tmp_path / "ran"

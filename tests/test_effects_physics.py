@@ -148,23 +148,6 @@ def test_vibration_is_seen_with_its_energy_and_a_hand_is_not(f_hz, share):
 # What it says.
 
 
-@pytest.mark.parametrize(
-    ("name", "value", "words"),
-    [
-        ("gyro.g_sensitivity", np.diag([0, 0.05, 0.01]), "0.050 dps per g (most on y)"),
-        ("gyro.scale_nonlinearity", [0, 0, -0.02], "read less (cubic, 2.00 % at full scale on z"),
-        ("gyro.bandwidth", [0, 0.012, 0], "the y axis answers 12.0 ms late"),
-        ("timing.axis_skew", [0, 0.001, 0.004], "z 4.0 ms after the first"),
-        ("timing.gyro_accel_offset", [-0.015], "15.0 ms before the accelerometer"),
-        ("gyro.saturation", [217], "beyond 217 dps"),
-        ("reference.accelerometer", [1, -9, 2], "9.0 mg on y"),
-    ],
-)
-def test_the_sentence_has_the_right_number_unit_and_axis(name, value, words):
-    effect = catalogue()[name]
-    assert words in effect.describe(theta_of(effect, value))
-
-
 @pytest.mark.parametrize("latitude", [-75, 0, 60.17])
 def test_latitude_is_that_of_the_earths_rate_in_north_east_down(latitude):
     """Groves: w = Omega (cos L, 0, -sin L) in north-east-down; the table is turned about the vertical."""

@@ -13,7 +13,6 @@ import tinygc
 from session.base.errors import FormatError
 from tinygc import CalibrationError, models
 from tinygc.effects import AppliedEffect, catalogue
-from tinygc.fitting.fit_file import read_fit
 from tinygc.models.physics import PhysicsModel
 
 
@@ -145,22 +144,3 @@ def test_a_covariance_of_any_size_is_judged_without_a_warning(corner, says, tmp_
         else:
             with pytest.raises(FormatError, match=says):
                 tinygc.load(tmp_path / "m.json")
-
-
-@pytest.mark.parametrize(
-    ("text", "says"),
-    [
-        ("[]", "it is a list of 0, expected a table"),
-        ("{}", "schema is missing"),
-        ('{"schema": "tinygc-fit/1"}', 'schema is "tinygc-fit/1", expected one of tinygc-fit/2'),
-        ('{"schema": "tinygc-fit/2", "noise": {"gyro_dps_rthz": "x"}}', 'noise.gyro_dps_rthz is "x", expected 3 numbers'),
-        ('{"schema": "tinygc-fit/2", "goodness": {"p_value": NaN}}', "goodness.p_value is NaN, which is not finite"),
-    ],
-)
-def test_a_damaged_fit_is_said_in_one_line(text, says, tmp_path):
-    path = tmp_path / "fit.json"
-    path.write_text(text)
-    with pytest.raises(FormatError) as caught:
-        read_fit(path, "run `calibrate.py fit` again")
-    assert str(caught.value).startswith(f"{path}: {says}")
-    assert str(caught.value).endswith("; run `calibrate.py fit` again")

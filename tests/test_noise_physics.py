@@ -359,12 +359,6 @@ def test_noise_is_unusual_above_its_limit(name, prior, limit):
         assert bool(noise_of(sizes, names=(name, "a", "b"), usual=(2.0, 1.0, 1.0), priors=(prior, None, None)).unusual) == unusual
 
 
-def test_it_is_told_in_its_units():
-    noise = noise_of([2.0 * DEG, 0.0, 0.5 * DEG])
-    assert noise.words == "it is noise.turn 2.0 deg; it is noise.bias_wander 0.50 deg"
-    assert [(each["size"], each["sigma"]) for each in noise.to_json()[:2]] == [pytest.approx((2.0, 0.1)), (0.0, None)]
-
-
 def absent(rows):
     """A component that these rows do not show."""
     return Component(REFERENCE, Sparse.of_diagonal(rows), 1.0, "mg", MG, "", None)

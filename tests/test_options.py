@@ -258,28 +258,6 @@ def test_every_command_says_of_every_option_what_it_means():
             assert "Path" not in str(each.type) or rule.read is None or rule.read.__name__ == path_read.__name__, f"{name}: {each.name}"
 
 
-OF_TYPES = """
-@dataclass(frozen=True)
-class Kind(Record):
-    plain: bool = option(False, "so")
-    count: int = option(2, "many", least=0)
-    where: Path | None = option(None, "there")
-"""
-
-
-def test_types_may_be_text_or_types():
-    """A module without ``from __future__ import annotations`` has types."""
-    names = {"dataclass": dataclass, "Record": Record, "option": option, "Path": Path}
-    exec(compile(OF_TYPES, "types", "exec", dont_inherit=True), names)
-    kind = names["Kind"]
-    parser = argparse.ArgumentParser()
-    add_arguments(parser, kind)
-    found = from_arguments(kind, parser.parse_args(["--plain", "--count", "3", "--where", "x"]))
-    assert (found.plain, found.count, found.where) == (True, 3, Path("x"))
-    with pytest.raises(CalibrationError, match="count is 'x', expected a whole number of 0 or more"):
-        kind(count="x")
-
-
 @pytest.mark.parametrize(
     ("words", "says"),
     [

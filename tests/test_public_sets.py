@@ -6,17 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from public_files import (
-    mimu_data,
-    mimu_frames,
     write_euroc,
-    write_mimu,
-    write_xsens,
 )
 
 from benchmarks.public.__main__ import main
-from benchmarks.public.mimu import read_frames
-from benchmarks.public.xsens import ACCEL_PER_MPS2, BY_IMU_TK, GYRO_PER_RPS
-from session.base.units import DEG, G
 from tinygc import read_session
 
 NO_TRUTH = "the feature that reads truth files is not there"
@@ -36,30 +29,6 @@ def made(capsys, *arguments):
     return {Path(path).name: read_session(path) for path in capsys.readouterr().out.splitlines()}
 
 
-def test_xsens_counts_come_back_from_a_clone_and_no_folder_is_replaced(tmp_path, capsys):
-    t_s, accel, gyro = write_xsens(tmp_path / "bin" / "test_data")
-    session = made(capsys, "xsens", tmp_path)["xsens"]
-    samples = session.logs[0].samples
-    np.testing.assert_array_equal(samples.t_ns, np.rint(t_s * 1e9))
-    np.testing.assert_array_equal(np.rint(samples.accel * ACCEL_PER_MPS2) + 32768, accel)
-    np.testing.assert_array_equal(np.rint(samples.gyro * GYRO_PER_RPS) + 32768, gyro)
-    np.testing.assert_array_equal(session.config.accelerometer.matrix, BY_IMU_TK.matrix)
-    refused(capsys, ["xsens", tmp_path], "sessions/xsens: exists", "--out")
-
-
-def test_imucal_numbers_stay_as_they_are_written_and_its_circles_are_known(tmp_path, capsys):
-    values = np.round(np.random.default_rng(0).normal(0, 5, (50, 6)), 5)
-    rows = "".join(f"{number}," + ",".join(f"{value:.5f}" for value in row) + "\n" for number, row in enumerate(values))
-    (tmp_path / "example_ferraris_session.csv").write_text("n_samples,gyr_x,gyr_y,gyr_z,acc_x,acc_y,acc_z\n" + rows)
-    session = made(capsys, "imucal", tmp_path)["imucal"]
-    samples = session.logs[0].samples
-    np.testing.assert_allclose(samples.gyro / DEG, values[:, :3], rtol=1e-14)
-    np.testing.assert_array_equal(samples.accel, values[:, 3:])
-    np.testing.assert_allclose(samples.t_ns * 1e-9, np.arange(50) / 102.4, atol=1e-7)
-    turns = [(turn.turn, turn.words, round(turn.angle_rad / DEG)) for turn in session.turns]
-    assert turns == [(7, "x", -360), (9, "y", -360), (11, "z", -360)]
-
-
 def test_euroc_as_its_authors_publish_it_and_from_archives(tmp_path, capsys):
     to_down = pytest.importorskip("benchmarks.public.euroc", reason=NO_TRUTH).to_down
     t_ns, gyro, accel, truth_ns, q_wxyz = write_euroc(tmp_path / "V1_01_easy")
@@ -73,25 +42,6 @@ def test_euroc_as_its_authors_publish_it_and_from_archives(tmp_path, capsys):
     made(capsys, "euroc", tmp_path, "--out", tmp_path / "b")
     for name in ("session.toml", "log_V1_01.csv", "truth_V1_01.csv"):
         assert (tmp_path / "a" / "V1_01" / name).read_bytes() == (tmp_path / "b" / "V1_01" / name).read_bytes()
-
-
-def test_mimu_frames_come_back_bit_for_bit_and_decoded_before(tmp_path, capsys):
-    ticks, registers = mimu_data()
-    frames = mimu_frames(ticks, registers)
-    path = write_mimu(tmp_path / "a", frames, tail=frames[-1][:83])  # a last frame may be cut off
-    again, same = read_frames(path)
-    np.testing.assert_array_equal(again, ticks - ticks[0])
-    np.testing.assert_array_equal(same, registers)
-    (tmp_path / "b").mkdir()
-    np.savez(tmp_path / "b" / "exp_1.npz", ticks_64mhz=ticks - ticks[0], registers=registers)
-    for source in "ab":
-        sessions = made(capsys, "mimu", tmp_path / source)
-        assert sorted(sessions) == [f"e1u{unit}" for unit in range(8)]
-        for unit in range(8):
-            samples = sessions[f"e1u{unit}"].logs[0].samples
-            np.testing.assert_array_equal(np.rint(samples.gyro / DEG * 16.4), registers[:, unit, 3:])
-            np.testing.assert_array_equal(np.rint(samples.accel / G * 2048), registers[:, unit, :3])
-            np.testing.assert_array_equal(samples.t_ns, np.rint((ticks - ticks[0]) / 0.064))
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,6 @@ import shutil
 import signal
 import termios
 import threading
-import time
 from types import SimpleNamespace
 
 import numpy as np
@@ -227,27 +226,6 @@ def test_a_pulled_cable_and_the_next_connection(tmp_path):
     assert [text.count(b"\n") for text in there] == [401, 401]
     assert replayed(folder / "raw.bin", tmp_path / "again") == there
     assert [mark.event.split()[0] for mark in read_events(folder / "raw.bin")] == ["open", "close", "open"]
-
-
-def test_a_pseudo_terminal_of_the_same_number_is_anothers():
-    """Once a virtual board has gone, its number goes to whoever opens a terminal next: a recorder that waits must not read that."""
-    gone = os.openpty()
-    name, others = os.ttyname(gone[1]), []
-    port = Port(name)
-    assert port.items.get(timeout=PATIENCE_S)[1].kind == "open"
-    time.sleep(0.05)  # the system stamps terminals in steps of some milliseconds
-    for file in gone:
-        os.close(file)
-    assert port.items.get(timeout=PATIENCE_S)[1].kind == "close"
-    while name not in [os.ttyname(slave) for _, slave in others]:  # as soon as it is free
-        others.append(os.openpty())
-        assert len(others) < 100, "the number was not given again"
-    os.write(others[-1][0], b"a person's keys")
-    time.sleep(0.1)  # some tries
-    port.close()
-    assert port.items.empty()
-    for file in (file for pair in others for file in pair):
-        os.close(file)
 
 
 @pytest.mark.parametrize("error", [OSError(errno.EIO, "x"), serial.SerialException("not ready"), termios.error(errno.EIO, "x")])

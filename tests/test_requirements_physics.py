@@ -17,7 +17,7 @@ from tinygc.estimation.choice import AgainstRaw
 from tinygc.inference.decide import Conformity, Fact, simply_accepted
 from tinygc.inference.solve import Source, known_sources, total
 from tinygc.models.linear import field_facts, field_jacobian
-from tinygc.verdict.acceptance import CandidateFit, _against, _doubts, decide
+from tinygc.verdict.acceptance import CandidateFit, _doubts, decide
 from tinygc.verdict.requirements import (
     attitude_measured,
     closure_measured,
@@ -330,12 +330,6 @@ def test_a_requirement_of_a_sensor_error_counts_beside_the_noise(known, ppm, ans
     assert decide(judged(**known), [], None, requirements=of_scale(ppm)).answer == answer
 
 
-def test_a_value_and_its_limit_are_told_in_their_unit():
-    for unit, said in (("°", "above 3.00°"), ("mdps", "above 3.00 mdps")):
-        each = Conformity(Fact("word", unit, 4.0, 0.1), (-INF, 3.0), Rule())
-        assert _against("what", each) == (False, f"what, {said}")
-
-
 def test_an_accelerometer_whose_numbers_are_not_all_observed_is_a_doubt():
     for unobserved, doubts in (((), []), (("bias x", "bias z"), ["bias x, bias z"]), (("one",) * 9, ["all of its numbers"])):
         found = _doubts(judged(), 1.0, SimpleNamespace(unobserved=unobserved))
@@ -377,16 +371,11 @@ def test_a_file_of_requirements(tmp_path):
     [
         ("", "has no limits"),
         ("[closure_degs]\nupper = 1\n", "closure_degs is no quantity that has limits; did you mean closure_deg?"),
-        ("[closure_deg]\nupper = true\n", "closure_deg.upper is True, expected a number"),
         ("[closure_deg]\nupper = 1\nmost = 2\n", "closure_deg.most is no key of limits"),
-        (f"[closure_deg]\nupper = {'9' * 400}\n", "closure_deg.upper is 9999999999999999999999999999999999999999, expected a number"),
         ("[closure_deg]\nupper = -1\n", "closure_deg.upper is -1, and it is a size; expected above 0"),
         ("[closure_deg]\nlower = 1\nupper = 1\n", "lower is 1, expected less than upper, 1"),
-        ("closure_deg = 1\n", "closure_deg is 1, expected a section"),
-        ('rule = "best"\n[closure_deg]\nupper = 1\n', 'rule is "best", expected one of simple acceptance, guard band'),
         ("guard = 1\n[closure_deg]\nupper = 1\n", 'guard goes with rule = "guard band"'),
         ('rule = "guard band"\nguard = 1\nrisk = 0.1\n[closure_deg]\nupper = 1\n', "guard and risk are both given"),
-        ('rule = "guard band"\nrisk = 0.6\n[closure_deg]\nupper = 1\n', "risk is 0.6, expected"),
         ('rule = "guard band"\nleast_ratio = 4\n[closure_deg]\nupper = 1\n', "least_ratio goes with"),
         ("least_ratio = 4\n[closure_deg]\nupper = 1\n", "least_ratio needs a lower and an upper limit, and closure_deg has one alone"),
     ],

@@ -208,19 +208,6 @@ def test_large_stamps_that_stand_still_or_leap_by_several_units_have_lost_digits
         assert clock_of(*column) == (0, "ms", "by its name")
 
 
-@pytest.mark.parametrize(
-    ("name", "cells", "says"),
-    [
-        ("ms", ticks(1e-3), "the clock, in ms by its name: 105.39 Hz"),
-        ("dt_ns", INTERVALS, "intervals, which are added up, in ns by its name: 105.3 Hz"),
-        ("ms", np.repeat(19 * np.arange(150), 2), "the clock, in ms by its name: 105.62 Hz"),
-        ("sec", np.repeat(np.arange(100), 3), "the clock, in s by its name"),
-    ],
-)
-def test_what_is_said_of_the_clock(name, cells, says):
-    assert find_clock([[str(cell)] for cell in cells], [name], (), None, None, "x").description == f"{name!r} is taken for {says}"
-
-
 def test_of_several_clocks_a_person_names_one():
     with pytest.raises(FormatError, match="'time' and 'clock' rise; name the clock, --columns t_ms=NAME"):
         clock_of("time,clock", ticks(1e-3), ticks(1e-4), stated="ms")

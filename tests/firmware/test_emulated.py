@@ -11,9 +11,9 @@ from emulator.build import build
 from emulator.core import AIRCR, RESET_KEY, RESET_REQUEST, SYSTICK_CSR
 from emulator.cpu import CCM
 from emulator.driven import NOMINAL_HZ, Driven
-from emulator.machine import CYCLES_PER_INSTRUCTION, Machine
+from emulator.machine import Machine
 from emulator.sensor import CTRL1_XL, CTRL2_G, CTRL3_C, Asm330lhh, AtRest, Fault, SensorPort
-from f405_programs import came_to_its_end, compiled, found, tools_missing
+from f405_programs import tools_missing
 
 from session.bench import frames
 from session.bench.decoder import StreamDecoder
@@ -37,80 +37,6 @@ def elf(tmp_path_factory):
 def recorder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("recorder")
     return build("recorder.elf", folder, folder, ODR_HZ=str(RATE_HZ))
-
-
-def ran(text, folder, t_s=0.05, **how):
-    """A program with a sensor, run to its end: it did nothing that a board would not do."""
-    machine = Machine(compiled(text, folder), SensorPort(Asm330lhh(AtRest())), **how)
-    machine.run_until(t_s)
-    assert machine.bus.objections == {}
-    assert came_to_its_end(machine)
-    return machine
-
-
-def test_time_is_instructions_times_the_factor_and_a_millisecond_is_one(tmp_path):
-    """A thousand additions between two readings of SysTick's counter; ten milliseconds asleep."""
-    text = """
-    int main(void)
-    {
-        systick(0x1000000);
-        const uint32_t a = cycles();
-        __asm volatile(".rept 1000\\n\\tadds r0, r0, #1\\n\\t.endr" ::: "r0", "cc");
-        found[0] = cycles() - a;
-        systick(168000);
-        while (milliseconds < 10) WFI();
-        return 0;
-    }"""
-    machine = ran(text, tmp_path)
-    assert found(machine)[0] == pytest.approx(1001 * CYCLES_PER_INSTRUCTION, abs=15)
-    assert machine.slept > 0.99 * machine.clock.now()
-    early = Machine(compiled(text, tmp_path))
-    early.run_until(0.0099)
-    assert not came_to_its_end(early)
-
-
-def test_a_register_is_read_and_bytes_take_their_time_on_the_line(tmp_path):
-    """84 MHz / 16 = 5.25 MHz: 256 cycles a byte.  Without a sensor it reads as ones."""
-    text = """
-    int main(void)
-    {
-        systick(168000);
-        while (milliseconds < 12) WFI(); /* the sensor starts up */
-        spi_on();
-        found[0] = read_register(0x0F);
-        systick(0x1000000);
-        const uint32_t a = cycles();
-        for (int n = 0; n < 100; n++) spi_byte(0xFF);
-        found[1] = cycles() - a;
-        return 0;
-    }"""
-    identity, taken = found(ran(text, tmp_path), 2)
-    assert identity == 0x6B
-    assert taken == pytest.approx(100 * 256, rel=0.15)
-    alone = Machine(compiled(text, tmp_path))
-    alone.run_until(0.05)
-    assert found(alone) == [0xFF]
-
-
-@pytest.mark.parametrize(
-    ("program", "said"),
-    [
-        ("SPI(0) = 0x347;", "SPI1 is used while its clock is off"),
-        ("spi_on(); GPIOA(0x20) = 0; read_register(0x0F);", "not SPI1's"),
-        ("REG(0x40003000) = 0xCCCC; REG(0x40003004) = 3;", "without its key"),
-        (
-            "static uint8_t text[100]; usart_on(); USART1(0x14) = 0x80; STREAM(7, 8) = 0x40011004; STREAM(7, 12) = (uint32_t)text;"
-            "STREAM(7, 4) = 100; STREAM(7, 0) = 4u << 25 | 1u << 10 | 1u << 6 | 1; text[50] = 1;",
-            "was changed before it was sent",
-        ),
-    ],
-)
-def test_what_a_board_would_not_do_is_objected_to(program, said, tmp_path):
-    machine = Machine(compiled(f"int main(void) {{ {program} return 0; }}", tmp_path), SensorPort(Asm330lhh(AtRest())))
-    machine.run_until(0.01)
-    assert came_to_its_end(machine)
-    (objection,) = machine.bus.objections
-    assert said in objection
 
 
 # The driver and the board around it.
@@ -246,19 +172,6 @@ def test_the_table_of_the_boards_page_is_that_of_the_formula():
         assert float(kbit) == pytest.approx(carried_bits(float(hz)) / 1e3, abs=0.5)
         assert float(least) == pytest.approx(least_mhz(float(hz)), abs=0.005)
         assert int(divider) == max(d for d in DIVIDERS if 84 / d >= least_mhz(float(hz)))
-
-
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        ({"SPI_DIVIDER": "64", "ODR_HZ": "6667"}, "the SPI does not carry this data rate: make SPI_DIVIDER=16"),
-        ({"SPI_DIVIDER": "24"}, "SPI_DIVIDER is one of 16, 32, 64, 128, 256"),
-        ({"ODR_HZ": "500"}, "ODR_HZ is one of 12.5 (or 12), 26, 52, 104, 208, 417, 833, 1667, 3333, 6667"),
-    ],
-)
-def test_what_no_sensor_or_bus_has_is_not_built(options, said, tmp_path):
-    with pytest.raises(RuntimeError, match=re.escape(said)):
-        build("recorder.elf", tmp_path, tmp_path, BAUD="3000000", **options)
 
 
 # The watchdog.

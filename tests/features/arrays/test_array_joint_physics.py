@@ -356,21 +356,6 @@ def test_the_common_part_is_both_parts_its_test_the_better_likelihood_and_fast_m
         assert found.is_fast_motion == fast
 
 
-@pytest.mark.parametrize(
-    ("how", "words"),
-    [
-        ((20.0, 30.0), "; motion beyond the data rate, predicted 0.8° (found 0.50 ± 0.25 of it)"),
-        ((20.0, 30.0, 0.8 * DEG, (0.26 * DEG, 0.2 * DEG)), "(found 0.33 ± 0.25 of it; a filter below half the data rate leaves so little)"),
-        ((30.0, 30.0, 0.0), "; the motion, the table or the reference, no unit's sensor"),
-        ((30.0, 30.0), "no unit's sensor; motion beyond the data rate predicts 0.8°"),
-    ],
-)
-def test_the_words_say_size_cause_and_what_of_the_prediction_was_found(joint, how, words):
-    said = common_of(joint, *how).common.words
-    assert said.startswith("common error of all units: 0.")
-    assert said.endswith(words)
-
-
 def test_fast_motion_is_tested_against_zero_and_against_its_prediction(pair):
     """Found 1.5 times as large as stated in the fixture; with predictions three times as large, a third of it: not as predicted."""
     for scale, standing in ((1.0, Standing.FOR), (4.0, Standing.AGAINST)):

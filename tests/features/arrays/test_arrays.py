@@ -7,7 +7,6 @@ import shutil
 import numpy as np
 import pytest
 from formats_page import strangers
-from formats_page import told as command
 
 import calibrate
 import tinygc
@@ -273,21 +272,3 @@ def test_what_is_in_one_unit_is_said_of_it(tmp_path, capsys):
     assert np.abs(gravity["by_unit"][1]["value"]).max() < np.radians(5e-3)
     for unit in written["units"]:
         assert not strangers(json.loads((out / unit["explained"]).read_text(encoding="utf-8")))
-
-
-def test_an_array_gives_the_commands_numbers(tmp_path):
-    folder, model = tmp_path / "array", tmp_path / "fit" / "model_array.json"
-    words = ("--units", 2, "--segments", 8, "--closure", 0, "--odr-hz", 62.5, "--seed", 3)
-    command(tmp_path / "s.json", "simulate", *words, "--out", folder)
-    theirs = command(tmp_path / "a.json", "fit", folder, "--bias", "ends", "--out", tmp_path / "fit")
-    fitted = tinygc.array(folder).fit(bias="ends")
-    assert json.loads(json.dumps(fitted.to_json())) == theirs
-    assert (fitted.save(tmp_path / "mine") / "model_array.json").read_bytes() == model.read_bytes()
-    applied = command(tmp_path / "b.json", "apply", model, folder, "-o", tmp_path / "theirs.csv")
-    done = tinygc.array(folder).apply(model, tmp_path / "mine.csv")
-    assert (tmp_path / "mine.csv").read_bytes() == (tmp_path / "theirs.csv").read_bytes()
-    assert json.loads(json.dumps(done.to_json())) | {"out": applied["out"]} == applied
-    with pytest.raises(CalibrationError, match="an array of 2 units on one body, and no single session"):
-        tinygc.export(folder, "c")
-    with pytest.raises(CalibrationError, match="an array of 1 unit; expected two sessions or more"):
-        tinygc.array([tinygc.simulate(segments=3, closure_s=0.0, odr_hz=62.5).session])

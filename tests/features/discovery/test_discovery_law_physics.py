@@ -22,12 +22,10 @@ from tinygc.features.discovery.quantities import largest_of
 from tinygc.features.discovery.words import (
     LONGEST,
     combination,
-    constant_of,
     equation,
     in_words,
     regime,
     splits,
-    terms_of,
     what,
 )
 from tinygc.noise.twin import READ
@@ -224,28 +222,6 @@ def test_a_law_of_physics_is_a_form(name, movement):
 
 
 # Words.
-
-
-@pytest.mark.parametrize(
-    ("form", "some"),
-    [
-        (LawForm((Factor("force", "wave", 0.5), Factor("rate")), "cross"), {0: "x ← y cos", 3: "x ← z sin", 4: "y ← z cos"}),
-        (LawForm((Factor("rate"), Factor("force")), "leant"), {1: "x ← y", 8: "z ← z"}),
-        (LawForm((Factor("world"),)), {0: "x ← x 1", 5: "y ← y 3"}),
-        (LawForm((Factor("temperature", "wave", 5.0),)), {0: "x ← cos", 1: "x ← sin"}),
-        (LawForm((Factor("rate"),)), {0: "x", 2: "z"}),
-    ],
-)
-def test_terms_stand_in_the_order_of_the_numbers(form, some):
-    terms = terms_of(form)
-    assert len(terms) == form.size == len(set(terms))
-    assert {number: terms[number] for number in some} == some
-
-
-def test_a_constant_is_told_in_a_persons_unit():
-    form = LawForm((Factor("turned", "play", 0.1), Factor("rate", "dead_zone", 0.02, 1.5)))
-    assert [constant_of(form, number)[0] for number in range(3)] == ["play (°)", "width (of full scale)", "lag (s)"]
-    assert constant_of(form, 0)[1] == pytest.approx(180 / np.pi)
 
 
 # What is written of a law.

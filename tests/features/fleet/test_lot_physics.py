@@ -544,24 +544,6 @@ def test_the_lot_is_used_in_part_between_its_thresholds(problem, parts, monkeypa
     assert_allclose(found.use.share, p * np.diag(of_lot.share), atol=2e-3)
 
 
-def test_a_use_is_told_in_words_and_in_json(problem, monkeypatch):
-    given = Judged(problem, monkeypatch, 1.0).use
-    share = np.append([0.051, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.049], np.zeros(4))
-    of = {"file": "lot.json", "units": 50, "probability": 0.5, "distance": 3.25, "freedom": 12, "p_value": 0.02}
-    use = replace(given, **of, used="yes", share=share, off=("E_xx", -6.04))
-    far = "(3.2 sigmas from its mean in 12 directions, p = 0.020)"
-    for changed, words in (
-        ({}, f"{far}; the lot gave: E_zx 70%, E_yz 60%, E_yy 50%, E_yx 40%, E_xz 30%, E_xy 20%."),
-        ({"share": np.full(12, 0.049)}, "the lot gave less than 5% of each."),
-        ({"used": "no"}, f"{far}: E_xx is -6.0 sigmas off; its prior is not used."),
-        ({"used": "partly"}, "E_xx is -6.0 sigmas off; the sigmas cover both."),
-    ):
-        assert replace(use, **changed).words.endswith(words)
-    told = use.to_json()["lot"]
-    assert told["off"] == {"parameter": "E_xx", "sigmas": -6.04}
-    assert [told[key] for key in ("belongs_probability", "distance", "freedom", "p_value")] == [0.5, 3.25, 12, 0.02]
-
-
 # Whole sessions.
 
 

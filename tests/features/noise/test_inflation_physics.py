@@ -23,7 +23,6 @@ from tinygc.features.noise.inflation import (
     SCALE,
     _back_and_forth,
     at_rest,
-    inflation_lines,
     inflations,
     inflations_of_folder,
     one_way,
@@ -33,7 +32,7 @@ from tinygc.fitting.fit import fit_session
 from tinygc.fitting.fit_file import save_models
 from tinygc.inference.choose import ONE_SIDED
 from tinygc.models.linear import LinearModel
-from tinygc.noise.figures import FILE, AxisNoise, Inflation, SensorNoise, Term
+from tinygc.noise.figures import FILE, AxisNoise, Term
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 
@@ -234,22 +233,3 @@ def test_the_inflations_of_a_folder_are_those_of_its_fit_with_these_figures_as_p
     (folder / "fit" / "fit.json").write_text("{}")
     with pytest.raises(FormatError, match=r"fit\.json"):
         inflations_of_folder(folder, rest)
-
-
-def test_each_kind_of_motion_is_one_line_with_its_largest_part_first():
-    parts = {"scale": np.full(3, 1.5), "unnamed": np.full(3, 2.0), "misalignment": np.ones(3)}
-    white = np.full(3, np.sqrt(1 + 1.25 + 3.0))
-    found = Inflation(
-        "hand turns (90° in 3 s)", white, np.ones(3), parts, "", np.full(3, 0.2), np.full(3, 3.0), white * N, np.full(3, 2e-6)
-    )
-    slow, limited = sensor(axis(N=N, K=1e-7)), sensor(axis(N=N))
-    assert inflation_lines([found, at_rest(figures(limited, None))], slow) == ["Kalman filter, hand turns: noise density × 2.3."]
-    line, parts = inflation_lines([found], slow, verbose=True)
-    assert line == "Kalman filter, hand turns (90° in 3 s): noise density × 2.29 ± 0.20, < 3.00"
-    assert parts == "  unnamed 2.00, scale 1.50, walk 24.8 °/h/√h".replace("24.8", f"{2e-6 / DEG * 3600 * 60:.0f}")
-    assert inflation_lines([at_rest(figures(limited, None))], limited, verbose=True) == ["Kalman filter, at rest: noise density × 1.00"]
-    bad = SensorNoise((*slow.axes[:2], replace(slow.axes[2], p_value=1e-9, excess=3.0)))
-    assert inflation_lines([found], bad) == []
-    # What each turn is off by need not grow with the time of a slower turn.
-    _, parts = inflation_lines([replace(found, motion="slow turning (10 °/s, corrected every 3 s)")], slow, verbose=True)
-    assert "unnamed < 2.00, scale 1.50" in parts

@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
-ASSERTING = ["dialect_logs", "exports_read_back", "f405_programs", "formats_page", "html_pages", "looks", "processes"]
+ASSERTING = ["dialect_logs", "exports_read_back", "formats_page", "html_pages", "looks", "processes"]
 ASSERTING += ["recording_wires"]
 pytest.register_assert_rewrite(*ASSERTING)  # whose assertions are the tests'
 

@@ -15,14 +15,6 @@ from tinygc import read_session
 NO_TRUTH = "the feature that reads truth files is not there"
 
 
-def refused(capsys, arguments, *words):
-    """Exit code 2, one line that says every word, and nothing else."""
-    assert main(list(map(str, arguments))) == 2
-    out, err = capsys.readouterr()
-    assert len(err.strip().split("\n")) == 1, err
-    assert all(word in out + err for word in words), err
-
-
 def made(capsys, *arguments):
     """The folders that the command printed, read."""
     assert main(list(map(str, arguments))) == 0

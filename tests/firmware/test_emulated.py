@@ -7,20 +7,19 @@ import numpy as np
 import pytest
 from conftest import ROOT
 from emulator import driven as kit
-from emulator.build import build
+from emulator.build import build, tools_missing
 from emulator.core import AIRCR, RESET_KEY, RESET_REQUEST, SYSTICK_CSR
-from emulator.cpu import CCM
+from emulator.cpu import CCM, missing
 from emulator.driven import NOMINAL_HZ, Driven
 from emulator.machine import Machine
 from emulator.sensor import CTRL1_XL, CTRL2_G, CTRL3_C, Asm330lhh, AtRest, Fault, SensorPort
-from f405_programs import tools_missing
 
 from session.bench import frames
 from session.bench.decoder import StreamDecoder
 from session.bench.events import SENSOR
 from session.bench.logwriter import LogWriter
 
-if MISSING := tools_missing():
+if MISSING := tools_missing() or missing():
     pytest.skip(MISSING, allow_module_level=True)
 
 

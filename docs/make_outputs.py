@@ -11,7 +11,8 @@ replaces what stands below each line.  Comments above the block change that:
 - ``<!-- run -->`` above a block of Python: it is run, and must not fail;
 - ``<!-- not run: REASON -->``: the block stays as it is.
 
-A page with ``<!-- slow examples -->`` takes more than some seconds.  tests/test_page_outputs.py holds the pages to what is printed.
+A page with ``<!-- slow examples -->`` takes more than some seconds, one with ``<!-- nightly examples -->`` more than twenty.
+tests/test_page_outputs.py holds the pages to what is printed.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 #: a comment, or a block with its language
 PART = re.compile(r"^<!-- (.*?) -->$|^( *)```(\w*)\n(.*?)^ *```$", re.S | re.M)
-SLOW = "<!-- slow examples -->"
+SLOW, NIGHTLY = "<!-- slow examples -->", "<!-- nightly examples -->"
 #: a benchmark's command, its date, the rest of the paragraph, and the tables below it
 MEASURED = re.compile(r"^`python (benchmarks/[^`]*)` \((\d+ \w+ \d{4})\)(.*\n\n)((?:\|.*\n)+(?:\n(?:\|.*\n)+)*)", re.M)
 TABLE = re.compile(r"^(\|.*\n)(?:\|.*\n)+", re.M)

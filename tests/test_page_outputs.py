@@ -16,7 +16,8 @@ _spec.loader.exec_module(make_outputs)
 
 
 def _marks(path):
-    return [pytest.mark.broad] if make_outputs.SLOW in path.read_text(encoding="utf-8") else []
+    text = path.read_text(encoding="utf-8")
+    return [pytest.mark.slow] if make_outputs.NIGHTLY in text else [pytest.mark.broad] if make_outputs.SLOW in text else []
 
 
 PAGES = [pytest.param(path, id=path.relative_to(ROOT).as_posix(), marks=_marks(path)) for path in make_outputs.pages()]

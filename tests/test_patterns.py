@@ -194,7 +194,7 @@ def test_a_pattern_in_proportion_is_not(pattern):
     assert worse_than_linear(Used(re.compile(pattern), False)) is None
 
 
-@pytest.mark.broad
+@pytest.mark.slow
 def test_every_pattern_takes_a_time_in_proportion_to_the_text():
     found = patterns()
     assert len(found) > 50

@@ -2,14 +2,10 @@
 
 import tracemalloc
 
-import numpy as np
 import pytest
 from conftest import Table, write_session
 
-from session.log import samples as readings
-from session.log.samples import Samples
 from tinygc import Session, read_session
-from tinygc.explanation.faulty_readings import find_glitches, without_glitches
 
 ROWS = 60_000
 
@@ -31,22 +27,6 @@ def peak_of(work):
     finally:
         tracemalloc.stop()
     return peak / ROWS, kept / ROWS, result
-
-
-def test_what_replaces_false_readings_keeps_a_log_as_its_registers(folder):
-    session = read_session(folder)
-    samples = session.logs[0].samples
-    gyro = np.array(samples.gyro)
-    gyro[[5000, 5001, 30_000]] += 3.0
-    floats = Samples(samples.t_ns, gyro, np.array(samples.accel))
-    glitches = find_glitches(floats)
-    assert glitches is not None
-    packed = Samples(
-        samples.t_ns, readings.replaced(samples.gyro, np.array([5000, 5001, 30_000]), gyro[[5000, 5001, 30_000]]), samples.accel
-    )
-    mended = without_glitches(packed, glitches)
-    assert isinstance(mended.gyro, readings.PackedReadings)
-    np.testing.assert_array_equal(np.asarray(mended.gyro), without_glitches(floats, glitches).gyro)
 
 
 @pytest.fixture(scope="module")

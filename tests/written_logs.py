@@ -4,7 +4,6 @@ A writer is another program than the reader wherever there is one: rosbags for b
 and dataflash logs by hand, from the descriptions of their formats.
 """
 
-import json
 import struct
 
 import numpy as np
@@ -145,7 +144,7 @@ def write_ros2(path, t_ns, gyro_rps, accel_mps2, temp_c=None, storage="sqlite3",
 
 
 def write_mcap(path, t_ns, gyro_rps, accel_mps2, temp_c=None, form="cdr", compression="ZSTD", chunk=1 << 14):
-    """form: ``cdr`` and ``ros1`` with the definitions of ROS, or ``json``."""
+    """form: ``cdr`` or ``ros1``, with the definitions of ROS."""
     from mcap.writer import CompressionType, Writer
     from rosbags.typesys import Stores, get_typestore
 
@@ -153,25 +152,11 @@ def write_mcap(path, t_ns, gyro_rps, accel_mps2, temp_c=None, form="cdr", compre
     with path.open("wb") as file:
         writer = Writer(file, chunk_size=chunk, compression=CompressionType[compression])
         writer.start()
-        if form == "json":
-            schema = writer.register_schema("my.Imu", "jsonschema", b"{}")
-        else:
-            text = store.generate_msgdef("sensor_msgs/msg/Imu", **({} if form == "ros1" else {"ros_version": 2}))[0]
-            name = "sensor_msgs/Imu" if form == "ros1" else "sensor_msgs/msg/Imu"
-            schema = writer.register_schema(name, f"{'ros1' if form == 'ros1' else 'ros2'}msg", text.encode())
+        text = store.generate_msgdef("sensor_msgs/msg/Imu", **({} if form == "ros1" else {"ros_version": 2}))[0]
+        name = "sensor_msgs/Imu" if form == "ros1" else "sensor_msgs/msg/Imu"
+        schema = writer.register_schema(name, f"{'ros1' if form == 'ros1' else 'ros2'}msg", text.encode())
         channel = writer.register_channel(TOPIC, form, schema)
-        if form == "json":
-            rows = zip(t_ns.tolist(), gyro_rps.tolist(), accel_mps2.tolist(), strict=True)
-            messages = (
-                (
-                    TOPIC,
-                    t + 3_000_000,
-                    json.dumps({"timestamp": {"sec": t // 10**9, "nsec": t % 10**9}, "gyro_rps": w, "accel_mps2": f}).encode(),
-                )
-                for t, w, f in rows
-            )
-        else:
-            messages = ros_messages(store, form == "ros1", t_ns, gyro_rps, accel_mps2, False)
+        messages = ros_messages(store, form == "ros1", t_ns, gyro_rps, accel_mps2, False)
         for number, (_, stamp, data) in enumerate(messages):
             writer.add_message(channel, stamp, data, stamp, number)
         writer.finish()

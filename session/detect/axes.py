@@ -245,28 +245,6 @@ def _shows_scale(turns: Turns, factor: np.ndarray) -> np.ndarray:
 
 #: blocks that are carried at once: intermediate results stay in the processor's cache
 AT_ONCE = 1 << 15
-#: change of a factor by which its effect on a turn's end is taken
-NUDGE = 1e-4
-
-
-def share_of_stretch(samples: Samples, between: Sequence[Ends], off: Sequence[float]) -> tuple[float, float] | None:
-    """How much of a relative factor ``off`` on the rate of each turn gravity asks for, next to the nine numbers of a linear calibration,
-    and the sigma; None where the turns are too few.  between: the stills of each turn."""
-    size = max(1, round(BLOCKS_S[-1] / samples.period_s))
-    parts = [(part, each) for (a, b), each in zip(between, off, strict=True) if (part := _blocks(samples, a, b, size)) is not None]
-    unknown = 10
-    if 2 * len(parts) <= unknown:
-        return None
-    turns, by = _padded([part for part, _ in parts]), np.array([each for _, each in parts])
-    nudged = [np.eye(3), *(np.eye(3) + NUDGE * np.outer(u, v) for u in np.eye(3) for v in np.eye(3))]
-    down = _carried(turns, np.array(nudged))
-    columns = (down[1:] - down[0]) / NUDGE
-    scale = columns[[0, 4, 8]].sum(axis=0)
-    design = np.concatenate([columns, (scale * by[:, None])[None]]).reshape(unknown, -1).T
-    normal = np.linalg.pinv(design.T @ design)
-    found = normal @ design.T @ (turns.last - down[0]).ravel()
-    left = (turns.last - down[0]).ravel() - design @ found
-    return float(found[-1]), float(np.sqrt(normal[-1, -1] * (left @ left) / (2 * len(parts) - unknown)))
 
 
 def _closures(turns: Turns, factors: np.ndarray) -> np.ndarray:

@@ -10,10 +10,9 @@ import numpy as np
 from session.base.numeric import rms_of, running_sum
 from session.base.texts import measured, significant
 from session.base.units import DEG, NS
-from session.detect.axes import share_of_stretch
 from session.detect.findings import Correction, Finding
 from session.detect.segments import Ends
-from session.detect.stamp_errors import RATE_CHANGES, RatePiece, rate_pieces
+from session.detect.stamp_errors import RATE_CHANGES, rate_pieces
 from session.detect.stills import Noise, Still, noise_floor
 from session.log.config import Config, Sensor
 from session.log.logfile import Log
@@ -148,18 +147,11 @@ def check_length(log: Log, segment_s: float) -> list[Finding]:
     return [Finding("error", log.path.name, "time unit", text, "is the time column's unit right (us read as ns)? else record for longer")]
 
 
-# Where the rate by the stamps changes within a log, and what gravity shows of it.
-
-#: of the change, in the turns: more is the clock's, less the sensor's, where three sigmas of it are less than this
-RESOLVED, SURELY = 0.5, 3.0
+# Where the rate by the stamps changes within a log.
 
 
 def check_rate_changes(samples: Samples, where: str, turns: Sequence[Ends], noise: Noise | None, segment_s: float) -> list[Finding]:
-    """Where the rate by the stamps changes at once, and what gravity shows of it; turns: the stills around each.
-
-    A turn is integrated with its stamps: stamps that run slow make it too long by as much.  Where the sensor has really changed its pace,
-    the turns of all pieces agree with gravity alike.
-    """
+    """Where the rate by the stamps changes at once; turns: the stills around each.  Slow stamps make a turn too long by as much."""
     found = rate_pieces(samples)
     usual = max(found, key=lambda piece: piece.stop - piece.start)
     others = [piece for piece in found if piece is not usual]
@@ -170,18 +162,8 @@ def check_rate_changes(samples: Samples, where: str, turns: Sequence[Ends], nois
     stated = [f"{piece.hz:.2f} Hz from {samples.at_s(piece.start):.1f} to {samples.at_s(piece.stop - 1):.1f} s" for piece in found]
     text = f"by the stamps {', '.join(stated[:4])}" + (f" and {len(stated) - 4} more" if len(stated) > 4 else "")
     text += f": {worst / DEG:.2g} deg per turn, if the clock changed"
-    share = share_of_stretch(samples, turns, [_off(found, usual, (a.stop + b.start) // 2) for a, b in turns])
-    decided = share is not None and share[1] * SURELY < RESOLVED
-    if share is not None and decided and share[0] < RESOLVED:
-        return [Finding("note", where, RATE_CHANGES, f"{text}; gravity shows that the sensor did, and the stamps are right")]
     do = "stamp with the device's own clock, and switch off what sets the clock meanwhile; or take the part of one rate, --lines of import"
-    if decided:
-        return [Finding("error", where, RATE_CHANGES, f"{text}; gravity shows that it was the clock", do)]
-    return [Finding("warning", where, RATE_CHANGES, f"{text}; gravity does not show whether it or the sensor did", do)]
-
-
-def _off(found: Sequence[RatePiece], usual: RatePiece, row: int) -> float:
-    return next(piece.hz for piece in found if row < piece.stop) / usual.hz - 1
+    return [Finding("warning", where, RATE_CHANGES, text, do)]
 
 
 def _turn(samples: Samples, first: Still, last: Still) -> np.ndarray | None:

@@ -34,12 +34,9 @@ class PackedReadings(np.lib.mixins.NDArrayOperatorsMixin):
     Access to the whole array converts all of it to float64; long logs are read through ``pieces``.
     """
 
-    def __init__(
-        self, packed: np.ndarray, divisor: float, steps: tuple[Step, ...] = (), put_in: tuple[np.ndarray, np.ndarray] | None = None
-    ):
-        """packed (N, …) / divisor is what was written; steps from there to SI; put_in: inserted rows (K,), in order, and
-        their values (K, …) in SI."""
-        self._packed, self._divisor, self._steps, self._put_in = packed, divisor, steps, put_in
+    def __init__(self, packed: np.ndarray, divisor: float, steps: tuple[Step, ...] = ()):
+        """packed (N, …) / divisor is what was written; steps from there to SI."""
+        self._packed, self._divisor, self._steps = packed, divisor, steps
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -81,12 +78,16 @@ class PackedReadings(np.lib.mixins.NDArrayOperatorsMixin):
         rows, *columns = which if isinstance(which, tuple) else (which,)
         one = isinstance(rows, int | np.integer)
         some: Any = slice(rows, rows + 1 if rows != -1 else None) if one else rows
-        if columns and all(isinstance(step, partial) for step in self._steps):  # of each number by itself
-            found = self._written_or_put_in(some, (*columns,))
+        each = columns and all(isinstance(step, partial) for step in self._steps)  # of each number by itself
+        packed = self._packed[(some, *columns)] if each else self._packed[some]
+        if len(packed) <= AT_ONCE:
+            found = self._converted(packed)
         else:
-            found = self._written_or_put_in(some, ())
-            if columns:
-                found = found[(slice(None), *columns)] if found.ndim == self.ndim else found[(..., *columns)]
+            found = np.empty(packed.shape)
+            for start in range(0, len(packed), AT_ONCE):
+                found[start : start + AT_ONCE] = self._converted(packed[start : start + AT_ONCE])
+        if columns and not each:
+            found = found[(slice(None), *columns)] if found.ndim == self.ndim else found[(..., *columns)]
         return found[0] if one else found
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
@@ -104,53 +105,11 @@ class PackedReadings(np.lib.mixins.NDArrayOperatorsMixin):
 
     def mapped(self, step: Step) -> PackedReadings:
         """The same with one more step, which is applied on access."""
-        put_in = None if self._put_in is None else (self._put_in[0], step(self._put_in[1]))
-        return PackedReadings(self._packed, self._divisor, (*self._steps, step), put_in)
+        return PackedReadings(self._packed, self._divisor, (*self._steps, step))
 
     def pick(self, which: slice | np.ndarray) -> PackedReadings:
         """Some of the rows, kept as they are."""
-        put_in = None
-        if self._put_in is not None:
-            taken = np.arange(len(self))[which]
-            mine, place = self._among_put_in(taken)
-            put_in = np.flatnonzero(mine), self._put_in[1][place[mine]]
-        return PackedReadings(self._packed[which], self._divisor, self._steps, put_in)
-
-    def replaced(self, rows: np.ndarray, values: np.ndarray) -> PackedReadings:
-        """With other values (K, …), SI, in rows (K,), in order."""
-        old_rows, old_values = (rows[:0], values[:0]) if self._put_in is None else self._put_in
-        kept = ~np.isin(old_rows, rows)
-        all_rows, all_values = np.concatenate([old_rows[kept], rows]), np.concatenate([old_values[kept], values])
-        order = np.argsort(all_rows, kind="stable")
-        return PackedReadings(self._packed, self._divisor, self._steps, (all_rows[order], all_values[order]))
-
-    def inserted(self, at: np.ndarray, values: np.ndarray) -> PackedReadings:
-        """With values (K, …), SI, before rows (K,), in order, as ``np.insert`` has them."""
-        rows = at + np.arange(len(at))
-        moved = None
-        if self._put_in is not None:
-            old = self._put_in[0]
-            moved = old + np.searchsorted(at, old, side="right"), self._put_in[1]
-        return PackedReadings(np.insert(self._packed, at, 0, axis=0), self._divisor, self._steps, moved).replaced(rows, values)
-
-    def _written_or_put_in(self, rows: Any, columns: tuple[Any, ...]) -> np.ndarray:
-        packed = self._packed[(rows, *columns)] if columns else self._packed[rows]
-        if len(packed) <= AT_ONCE:
-            found = self._converted(packed)
-        else:
-            found = np.empty(packed.shape)
-            for start in range(0, len(packed), AT_ONCE):
-                found[start : start + AT_ONCE] = self._converted(packed[start : start + AT_ONCE])
-        if self._put_in is None or not len(self._put_in[0]):
-            return found
-        if isinstance(rows, slice) and rows.step in (None, 1):
-            start, stop, _ = rows.indices(len(self))
-            first, last = np.searchsorted(self._put_in[0], (start, max(start, stop)))
-            found[self._put_in[0][first:last] - start] = self._put_in[1][(slice(first, last), *columns)]
-            return found
-        mine, place = self._among_put_in(np.arange(len(self))[rows])
-        found[mine] = self._put_in[1][(place[mine], *columns)]
-        return found
+        return PackedReadings(self._packed[which], self._divisor, self._steps)
 
     def _converted(self, packed: np.ndarray) -> np.ndarray:
         """Of some rows as they are kept, in SI."""
@@ -158,13 +117,6 @@ class PackedReadings(np.lib.mixins.NDArrayOperatorsMixin):
         for step in self._steps:
             found = step(found)
         return found
-
-    def _among_put_in(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Which of rows (…) are none that was written, and where they stand among those."""
-        assert self._put_in is not None
-        known = self._put_in[0]
-        place = np.minimum(np.searchsorted(known, rows), max(len(known) - 1, 0))
-        return (known[place] == rows if len(known) else np.zeros(rows.shape, dtype=bool)), place
 
 
 def times(factor: float) -> Step:
@@ -183,17 +135,15 @@ def pick(values: np.ndarray, which: slice | np.ndarray) -> np.ndarray:
 
 
 def replaced(values: np.ndarray, rows: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """With other values (K, …) in rows (K,), in order."""
-    if isinstance(values, PackedReadings):
-        return cast(np.ndarray, values.replaced(rows, others))
-    values = values.copy()
+    """With other values (K, …) in rows (K,), as a plain array."""
+    values = np.array(values)
     values[rows] = others
     return values
 
 
 def inserted(values: np.ndarray, at: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """``np.insert`` of rows."""
-    return cast(np.ndarray, values.inserted(at, others)) if isinstance(values, PackedReadings) else np.insert(values, at, others, axis=0)
+    """``np.insert`` of rows, as a plain array."""
+    return np.insert(np.asarray(values), at, others, axis=0)
 
 
 def pieces(values: np.ndarray, overlap: int = 0) -> Iterator[tuple[int, np.ndarray]]:

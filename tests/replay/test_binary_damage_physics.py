@@ -220,11 +220,6 @@ def mcap(path, *records):
     path.write_bytes(b"\x89MCAP0\r\n" + record(1, bytes(8)) + b"".join(records))
 
 
-def mcap_json(path, message):
-    channel = record(4, struct.pack("<HH", 1, 0) + text(b"/imu") + text(b"json") + bytes(4))
-    mcap(path, channel, record(5, struct.pack("<HIQQ", 1, 0, 0, 0) + message))
-
-
 def mcap_defined(path, definition, count=1):
     """As many topics of the same type."""
     for_each = (
@@ -249,7 +244,6 @@ BOMBS = {
     "endless.db3": (bag_endless, "messages is no plain table", None),
     "generated.db3": (bag_generated, "messages is no plain table", None),
     "chunks.mcap": (mcap_chunks, UNPACKS, 10),
-    "long_json.mcap": (lambda path: mcap_json(path, b'{"gyro":[1,2,3],"a":[' + b"[]," * 30_000 + b"1]}"), "more than 65536 bytes", None),
     "long_definition.mcap": (lambda path: mcap_defined(path, b"int8 a\n" * 20_000), "its definition has more than 131072 letters", None),
     "parts.mcap": (lambda path: mcap_defined(path, b"int8[] a\n" * 40 + b"float64[3] gyro"), "more than 32 texts and sequences", None),
 }

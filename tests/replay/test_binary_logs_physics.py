@@ -57,7 +57,6 @@ FORMATS = {
     "MCAP": (written.write_mcap, mcap_file.FORMAT, written.TOPIC),
     "MCAP, unpacked": (with_(written.write_mcap, compression="NONE"), mcap_file.FORMAT, written.TOPIC),
     "MCAP, ROS 1": (with_(written.write_mcap, form="ros1", compression="LZ4"), mcap_file.FORMAT, written.TOPIC),
-    "MCAP, JSON": (with_(written.write_mcap, form="json"), mcap_file.FORMAT, written.TOPIC),
     "ULog": (written.write_ulog, ulog.FORMAT, "sensor_combined[0]"),
     "dataflash": (written.write_ardupilot, ardupilot.FORMAT, "IMU[0]"),
 }

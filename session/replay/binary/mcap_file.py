@@ -1,4 +1,4 @@
-"""MCAP (https://mcap.dev/spec), by the records of the mcap package: messages of ROS 2 and ROS 1 by the definitions in the file, and JSON.
+"""MCAP (https://mcap.dev/spec), by the records of the mcap package: messages of ROS 2 and ROS 1 by the definitions in the file.
 
 The file is read from its beginning, chunk by chunk, so one without its summary gives what it holds up to where it is cut.
 """
@@ -15,7 +15,7 @@ from typing import Any
 
 from session.base.budget import RECORD, amount, current
 from session.base.errors import FormatError
-from session.replay.binary.ros import Bag, JsonLayout, Topic, layout_of
+from session.replay.binary.ros import Bag, Topic, layout_of
 from session.replay.binary.source import Cut, DamagedChunks, Messages, Source, Stream, begins, library, one_line, reason
 
 PACKAGE = "mcap"
@@ -30,7 +30,7 @@ AT_ONCE = 1 << 16
 #: where in a chunk's record its compression's name begins, behind lengths, times and checksum
 CHUNK_HEAD = 1 + 8 + 8 + 8 + 8 + 4 + 4
 #: encodings of messages that are read
-ENCODINGS = ("cdr", "ros1", "json")
+ENCODINGS = ("cdr", "ros1")
 
 
 def _read(path: Path, names: Sequence[str]) -> list[Stream]:
@@ -193,7 +193,7 @@ class _Channels:
             self._messages += 1
             data = body[MESSAGE_HEAD.size :]
             if number not in self._topics:
-                self._topics[number] = self._topic(number, data)
+                self._topics[number] = self._topic(number)
             if (topic := self._topics[number]) is not None:
                 topic.add(logged_ns, data)
         elif code in (SCHEMA, CHANNEL):
@@ -226,14 +226,12 @@ class _Channels:
             for record in (*summary.schemas.values(), *summary.channels.values()):
                 self._describe(record)
 
-    def _topic(self, number: int, first: bytes) -> Topic | None:
+    def _topic(self, number: int) -> Topic | None:
         channel = self._channels.get(number)
         if channel is None or channel.message_encoding not in ENCODINGS:
             return None
         schema = self._schemas.get(channel.schema_id)
         kind, text, idl = ("", b"", False) if schema is None else (schema.name, schema.data, schema.encoding == "ros2idl")
-        if channel.message_encoding == "json":
-            return self._bag.topic(channel.topic, kind, lambda: JsonLayout(self.path, first))
         kind = kind if "/msg/" in kind else kind.replace("/", "/msg/", 1)
         ros1 = channel.message_encoding == "ros1"
         return self._bag.topic(channel.topic, kind, lambda: layout_of(self.path, kind, text.decode(), idl, ros1))
@@ -245,7 +243,7 @@ FORMAT = Messages(
     PACKAGE,
     "logs",
     "MIT",
-    "ros2 bag record --storage mcap /imu/data_raw: rosbag2_2026_11_26-10_15_02_0.mcap; also with JSON messages",
+    "ros2 bag record --storage mcap /imu/data_raw: rosbag2_2026_11_26-10_15_02_0.mcap",
     begins(MAGIC),
     _read,
 )

@@ -6,13 +6,10 @@ table of offsets is made instead, which reads the wanted numbers alone and execu
 
 from __future__ import annotations
 
-import json
 import re
 import struct
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import reduce
-from operator import getitem
 from pathlib import Path
 from typing import Any
 
@@ -33,8 +30,8 @@ LETTERS = {
 MOST_FIELDS = 20_000
 #: runs of numbers, texts and sequences that are stepped over in each message
 MOST_PARTS = 64
-#: letters of the path of one number; bytes of a message of JSON
-MOST_PATH, MOST_JSON = 300, 1 << 16
+#: letters of the path of one number
+MOST_PATH = 300
 #: letters of a type's definitions; parsing one of them, and finding out what a number is, are as much work as unpacking so many bytes
 MOST_DEFINITION, PARSED, MEANT = 1 << 17, 512, 4096
 
@@ -321,52 +318,6 @@ def _stamps(own: np.ndarray, logged: np.ndarray, stamped: bool) -> tuple[np.ndar
     return own, ""
 
 
-class JsonLayout:
-    """Reads the wanted numbers of messages that are JSON objects like the first one.  ValueError for none."""
-
-    def __init__(self, path: Path, first: bytes) -> None:
-        self._path, self._keys = path, dict(_numbers(_json(path, first), "", ()))
-        current().unpack(path, MEANT * len(self._keys))
-        self.paths = list(self._keys)
-
-    def want(self, paths: Sequence[str]) -> None:
-        """State which numbers ``__call__`` returns."""
-        self._keys = {path: self._keys[path] for path in paths}
-
-    def __call__(self, data: bytes) -> list[float]:
-        """The wanted numbers, in their order.  An error of another message's."""
-        message = _json(self._path, data)
-        return [_number(reduce(getitem, keys, message)) for keys in self._keys.values()]
-
-
-def _json(path: Path, data: bytes) -> Any:
-    """A message of JSON: parsing it takes some times its length of memory, and as long as unpacking it and 8 bytes for each value."""
-    if len(data) > MOST_JSON:
-        raise ValueError(f"a message of more than {MOST_JSON} bytes")
-    current().unpack(path, len(data) + 8 * (data.count(b",") + data.count(b"[")))
-    return json.loads(data)
-
-
-def _number(value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or abs(value) >= 2**63:
-        raise ValueError("no number that a sensor or a clock has")
-    return value
-
-
-def _numbers(value: Any, path: str, keys: tuple[str | int, ...]) -> Iterator[tuple[str, tuple[str | int, ...]]]:
-    """The path of each number in an object of JSON, ``header.stamp.sec`` or ``gyro[0]``, and the keys that lead there."""
-    if len(path) > MOST_PATH:
-        return
-    if isinstance(value, dict):
-        for key, inner in value.items():
-            yield from _numbers(inner, f"{path}.{key}" if path else key, (*keys, key))
-    elif isinstance(value, list):
-        for place, inner in enumerate(value[:MOST_FIELDS]):
-            yield from _numbers(inner, f"{path}[{place}]", (*keys, place))
-    elif isinstance(value, (int, float)) and not isinstance(value, bool):
-        yield path, keys
-
-
 class Bag:
     """What is read of a recording, file by file: path of the file; names of the wanted topics, none for all that hold an IMU; topics that
     are read; seen: all topics in words; notes on damage."""
@@ -377,7 +328,7 @@ class Bag:
         self.seen: set[str] = set()
         self.notes: list[str] = []
 
-    def topic(self, name: str, kind: str, layout: Callable[[], Layout | JsonLayout], unpack: Unpack = bytes) -> Topic | None:
+    def topic(self, name: str, kind: str, layout: Callable[[], Layout], unpack: Unpack = bytes) -> Topic | None:
         """A topic of messages of this type, which ``unpack`` may have to unpack first; None where it is not wanted or holds no IMU, and
         with a note where its layout is not known."""
         if self.names and name not in self.names:

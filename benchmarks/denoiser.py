@@ -20,6 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from closure_table import rms
 from common import in_parallel, markdown, simulated
+from paper.as_in_paper import trained_denoiser
 from scipy.signal import butter, lfilter, lfilter_zi, savgol_coeffs
 
 from session.base.units import DEG
@@ -29,7 +30,7 @@ from tinygc.closure.build import build_problem
 from tinygc.closure.runs import ClosureRun, read_closure_runs
 from tinygc.estimation.choice import run_figures
 from tinygc.methods import denoiser
-from tinygc.methods.denoiser import DELAY, Material, of_problem, train_adamw, train_denoiser
+from tinygc.methods.denoiser import DELAY, Material, of_problem, train_denoiser
 from tinygc.methods.network import train_second_order
 from tinygc.models.denoiser import REACH, DenoisedNet
 from tinygc.simulation.options import SimulationOptions
@@ -100,7 +101,7 @@ def _figures(session: Session) -> dict:
     filters = {
         "calibrated alone": Filter(np.ones(1), np.ones(1), 0),
         "endpoint (the paper's loss)": train_denoiser(seen, net, "endpoint").model,
-        "endpoint, as in the paper": train_adamw(seen, net, 0, lambda done, of: None).model,
+        "endpoint, as in the paper": trained_denoiser(seen, net),
         f"**neighbours, {DELAY} samples** (default)": train_denoiser(seen, net).model,
         "Butterworth of the same delay": butterworth(DELAY),
         f"Savitzky–Golay (cubic, {TAPS} samples)": savitzky_golay(DELAY),

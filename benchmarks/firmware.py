@@ -7,7 +7,6 @@ docs/firmware.md.
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import sys
 import tempfile
 from pathlib import Path
@@ -19,6 +18,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "firmware"))
 
 from common import markdown, progress
 from emulator import build as kit
+from paper.as_in_paper import calibrated, denoised
 
 from session.base.errors import CalibrationError
 from session.base.units import DEG
@@ -29,7 +29,8 @@ from tinygc.deploy.embedded.source import source_files
 from tinygc.estimation.options import FitOptions
 from tinygc.fitting.fit import fit_session
 from tinygc.fitting.fit_file import save_models
-from tinygc.models.denoiser import DenoisedNet
+from tinygc.models.denoiser import REACH, DenoisedNet
+from tinygc.models.linear import LinearModel
 
 CORE_HZ, ODR_HZ = 168e6, 833
 METHODS = ("least_squares", "tinygc", "tinygc_denoised")
@@ -91,16 +92,21 @@ def _pytorch(model, chosen: Program, rate: np.ndarray) -> str:
     """Largest difference in rad/s from the model in PyTorch, float32; none for physics, which is not in PyTorch."""
     if not model.rates_only:
         return "–"
-    return f"{np.abs(_single(model)(torch.tensor(rate)).numpy() - chosen.run(Inputs.of(rate))).max():.7f}"
+    return f"{np.abs(_in_pytorch(model, rate) - chosen.run(Inputs.of(rate))).max():.7f}"
 
 
-def _single(model):
-    """The same model in PyTorch, float32."""
+def _in_pytorch(model, rate: np.ndarray) -> np.ndarray:
+    x = torch.tensor(rate, dtype=torch.float32)
     if isinstance(model, DenoisedNet):
-        return dataclasses.replace(model, calibration=_single(model.calibration), denoiser=_single(model.denoiser))
-    values = {field.name: getattr(model, field.name) for field in dataclasses.fields(model)}
-    tensors = {name: torch.tensor(np.asarray(value), dtype=torch.float32) for name, value in values.items()}
-    return dataclasses.replace(model, **tensors)
+        x = torch.tensor(_in_pytorch(model.calibration, rate))
+        return denoised(_single(model.denoiser.vector), torch.cat([x[:1].expand(REACH, 3), x])[None])[0].numpy()
+    if isinstance(model, LinearModel):
+        return (x @ _single(model.E).T + _single(model.B)).numpy()
+    return calibrated(_single(model.vector), x).numpy()
+
+
+def _single(values: np.ndarray) -> torch.Tensor:
+    return torch.tensor(values, dtype=torch.float32)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""The bench side: logs, stillness, segments.  Never imports torch or ``tinygc``.
+"""The bench side: logs, stillness, segments.  Never imports ``tinygc``.
 
 Conventions that hold in the whole project
 ------------------------------------------

@@ -22,7 +22,6 @@ def small_turns(
     noise_rad=0.0,
     samples=40,
     seed=0,
-    integrator="exact",
 ):
     """A chain of smooth turns of 1.6 s under an Earth a thousand times as fast as ours, which close under ``model`` but for a noise of
     their ends; the last sample of the first turn is padding."""
@@ -35,7 +34,7 @@ def small_turns(
     earth = 0.07 * (rng.normal(size=(count, 1, 3)) + waves)
     q = [Rotation.random(random_state=seed)]
     batch = Batch(rate, dt, earth, np.zeros((count, 4)), np.zeros((count, 4)), yaw_known)
-    for turn in turns_by_scipy(batch, model, integrator):
+    for turn in turns_by_scipy(batch, model):
         q.append(q[-1] * turn)
     q = wxyz(Rotation.concatenate(q))
     batch = replace(batch, start=q[:-1], end=q[1:])
@@ -59,16 +58,12 @@ def with_known_angles(batch, model=TRUE):
     return replace(batch, turns=KnownTurns(angle, np.where(np.isfinite(angle), 1e-4, np.nan), axis / np.linalg.norm(axis, axis=1)[:, None]))
 
 
-def turns_by_scipy(batch, model, integrator="exact"):
-    """What the body turns by in each segment (docs/model.md): mean rate, and the coning term dt^2 / 6 w_k x w_k+1; or the paper's
-    first-order step, the quaternion (1, mean rate dt / 2)."""
+def turns_by_scipy(batch, model):
+    """What the body turns by in each segment (docs/model.md): mean rate, and the coning term dt^2 / 6 w_k x w_k+1."""
     rate = batch.rate @ model.E.T + model.B - batch.earth
     before, after, dt = rate[:, :-1], rate[:, 1:], batch.dt[..., None]
     mean = (before + after) / 2 * dt
-    if integrator == "exact":
-        q = Rotation.from_rotvec((mean + dt**2 / 6 * np.cross(before, after)).reshape(-1, 3)).as_quat()
-    else:
-        q = np.column_stack([mean.reshape(-1, 3) / 2, np.ones(mean[..., 0].size)])
+    q = Rotation.from_rotvec((mean + dt**2 / 6 * np.cross(before, after)).reshape(-1, 3)).as_quat()
     steps = q.reshape(*mean.shape[:2], 4)
     while steps.shape[1] > 1:
         if steps.shape[1] % 2:
@@ -78,13 +73,13 @@ def turns_by_scipy(batch, model, integrator="exact"):
     return Rotation.from_quat(steps[:, 0])
 
 
-def angles_by_scipy(batch, vector, integrator="exact"):
+def angles_by_scipy(batch, vector):
     """Error angles (S, d) rad: the tilt is the shortest rotation between the two verticals, a yaw that is known is one more component.
 
     A length of 4 sin(angle / 4) stands for the angle.
     """
     start, end = (Rotation.from_quat(q, scalar_first=True) for q in (batch.start, batch.end))
-    turns = turns_by_scipy(batch, LinearModel.from_vector(vector), integrator)
+    turns = turns_by_scipy(batch, LinearModel.from_vector(vector))
     error = start * turns * end.inv()
     if batch.yaw_known:
         return _chord(error.as_rotvec())

@@ -10,7 +10,6 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import multivariate_normal
 
 from session.base import numeric, rotation
-from session.base.rotation import steps
 from session.base.units import DEG, DEG_PER_HOUR, EARTH_RATE_RPS
 from tinygc.closure.earth import (
     EarthRate,
@@ -248,16 +247,3 @@ def test_an_estimated_heading_contradicts_a_given_one_beyond_three_sigmas(sigma_
 def test_a_quaternion_of_a_matrix_is_scipys():
     for q in [*unit(40), *np.eye(4)]:
         same_attitude(rotation.from_matrix(Rotation.from_quat(q, scalar_first=True).as_matrix()), q, 1e-13)
-
-
-def test_a_first_order_step_has_the_tangent_of_half_its_angle():
-    rate = np.array([[2.0, -1.0, 2.0]] * 2) * 10 / 3
-    (q,) = steps(rate, np.array([0.1]), "first-order")
-    assert_allclose(rotation.log(q), rate[0] / 10 * 2 * np.arctan(0.5), rtol=1e-12)
-
-
-@pytest.mark.parametrize("function", [rotation.exp, rotation.accumulate, rotation.matrix])
-def test_torch_gives_what_numpy_gives(function, torch):
-    for count in (6, 7):
-        values = RNG.normal(size=(5, count, 3)) if function is rotation.exp else unit(5, count)
-        assert_allclose(function(torch.as_tensor(values)).numpy(), function(values), atol=1e-15)

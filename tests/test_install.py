@@ -1,23 +1,11 @@
-"""An installation: what is said without PyTorch, and what a foreign module of one of our names does."""
+"""An installation: what a foreign module of one of our names does."""
 
 import os
 import sys
 
 import pytest
 from conftest import ROOT
-from processes import WithoutTorch, environment, run
-
-import tinygc
-from session.base.texts import install_line
-
-
-def test_a_net_that_needs_torch_says_so_in_one_line(simulated, monkeypatch):
-    monkeypatch.delitem(sys.modules, "torch", raising=False)
-    monkeypatch.setattr(sys, "meta_path", [WithoutTorch(), *sys.meta_path])
-    with pytest.raises(tinygc.CalibrationError) as said:
-        tinygc.fit(simulated(), as_in_paper=True, folds=2)
-    assert str(said.value) == f"training as in the paper needs PyTorch: {install_line('torch', 'torch')}, or leave out as_in_paper"
-
+from processes import environment, run
 
 # Foreign modules of our names
 

@@ -38,18 +38,17 @@ CASES = {
     "tilt": (small_turns(noise_rad=1e-4), UNEVEN[:, 0], {}),
     "dials": (small_turns(yaw_known=True, noise_rad=1e-4), UNEVEN, {}),
     "known angles": (with_known_angles(small_turns(noise_rad=1e-4)), UNEVEN, {}),
-    "first order": (small_turns(noise_rad=1e-4, samples=120, integrator="first-order"), UNEVEN[:, :2], {"integrator": "first-order"}),
     "still rates and a prior": (small_turns(noise_rad=1e-4), UNEVEN[:, :2], {"still_rates": MEASURED, "prior": LOT}),
     "bias at rest": (small_turns(8, AT_REST, noise_rad=1e-4), UNEVEN[:, :2], {"rest_rps": REST}),
     "bias at rest and a prior": (small_turns(8, AT_REST, noise_rad=1e-4), UNEVEN[:, :2], {"rest_rps": REST, "prior": LOT}),
 }
 
 
-def whitened(parameters, batch, sigma, still_rates=None, integrator="exact", rest_rps=None, prior=None):
+def whitened(parameters, batch, sigma, still_rates=None, rest_rps=None, prior=None):
     """All residuals in sigmas: ends, stills and prior, of 12 parameters, or of the 9 of E where B = -E rest."""
     own = slice(0, len(parameters))
     vector = parameters if rest_rps is None else np.append(parameters, -parameters.reshape(3, 3) @ rest_rps)
-    rows = [(angles_by_scipy(batch, vector, integrator) / sigma.reshape(len(batch), -1)).ravel()]
+    rows = [(angles_by_scipy(batch, vector) / sigma.reshape(len(batch), -1)).ravel()]
     if still_rates is not None:
         model = LinearModel.from_vector(vector)
         rows.append(((still_rates.rate @ model.E.T + model.B - still_rates.earth) / still_rates.sigma).ravel())

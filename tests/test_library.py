@@ -277,7 +277,6 @@ def test_examples_of_docstrings_run(name):
             (lambda choices=choices: tinygc.fit("x", **choices), says)
             for choices, says in (
                 ({"folds": 0}, "folds is 0, expected a whole number of 2 or more"),
-                ({"methods": "raw", "as_in_paper": True}, "expected a net (tinygc, tinygc_denoised) for as_in_paper to train"),
                 ({"methods": "resnet"}, "methods is 'resnet', expected some of raw"),
                 ({"bias": "magic"}, "bias is 'magic', expected one of auto, ends, stills"),
             )

@@ -36,7 +36,7 @@ Records:
 
 Conventions (frames, signs, units, shapes) are those of ``session``'s docstring.  The commands of ``calibrate.py`` call these functions
 as well; docs/library.md has the function of each.  Features have functions and records of their own: ``dir(tinygc)`` lists them, too.
-Nothing heavy is imported before a name is used; torch only where a fit is to train its nets as in the paper.
+Nothing heavy is imported before a name is used.
 """
 
 from __future__ import annotations

@@ -1,15 +1,12 @@
-"""Rotations as unit quaternions (..., 4), scalar first, and their integration from rates, for NumPy and torch."""
+"""Rotations as unit quaternions (..., 4), scalar first, and their integration from rates."""
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
-from types import ModuleType
-from typing import Any, TypeVar
 
 import numpy as np
 
-# Unit quaternions as pairs of complex numbers, NumPy only: w + x i + y j + z k = a + b j with a = w + x i and b = y + z i.
+# Unit quaternions as pairs of complex numbers: w + x i + y j + z k = a + b j with a = w + x i and b = y + z i.
 #
 # As j c = c* j, (a + b j)(c + d j) = (a c - b d*) + (a d + b c*) j (Cayley and Dickson).  Four complex products of arrays take less than
 # half the time of the sixteen real ones: each reads and writes its arrays once.
@@ -141,40 +138,21 @@ def _every_second(pairs: Pairs, first: int, stop: int) -> Pairs:
     return pairs[0][..., first:stop:2], pairs[1][..., first:stop:2]
 
 
-# Rotations as unit quaternions (..., 4), scalar first; the same code for NumPy arrays and torch tensors.
+# Rotations as unit quaternions (..., 4), scalar first.
 #
 # ``q_ab`` maps vectors in b to a.  Products of many rotations need no loop over time: neighbours are multiplied, halving the length each
-# time.  Every function here is smooth at zero and, for tensors, differentiable.
-
-#: a NumPy array or a torch tensor; all arguments of a call are of one library
-Array = TypeVar("Array", np.ndarray, Any)
+# time.
 
 #: below this squared half-angle the series is exact to double precision (its next term is below 1e-18)
 _SERIES_BELOW = 1e-2
 
 
-def namespace(array: object) -> ModuleType:
-    """The library of an array, numpy or torch; torch is not imported for NumPy arrays."""
-    torch = sys.modules.get("torch")
-    return torch if torch is not None and isinstance(array, torch.Tensor) else np
-
-
-def like(model: Array, array: np.ndarray | Array) -> Array:
-    """Convert ``array`` to the library and the device of ``model``."""
-    if isinstance(model, np.ndarray) or not isinstance(array, np.ndarray):
-        return array
-    return namespace(model).as_tensor(array, dtype=model.dtype, device=model.device)
-
-
-def join(parts: Sequence[Array]) -> Array:
+def join(parts: Sequence[np.ndarray]) -> np.ndarray:
     """Join components (...) to an array (..., n), each contiguous in memory, which is twice as fast as interleaved components."""
-    if isinstance(parts[0], np.ndarray):
-        whole = _components(len(parts), parts[0])
-        for i, part in enumerate(parts):
-            whole[..., i] = part
-        return whole
-    xp = namespace(parts[0])
-    return xp.moveaxis(xp.stack(parts, 0), 0, -1)
+    whole = _components(len(parts), parts[0])
+    for i, part in enumerate(parts):
+        whole[..., i] = part
+    return whole
 
 
 def _components(count: int, like: np.ndarray) -> np.ndarray:
@@ -183,12 +161,12 @@ def _components(count: int, like: np.ndarray) -> np.ndarray:
     return whole.transpose(*range(1, whole.ndim), 0)
 
 
-def split(q: Array) -> tuple[Array, ...]:
-    """Split (..., n) into components (...); for tensors in one operation, as is its derivative."""
-    return tuple(q[..., i] for i in range(q.shape[-1])) if isinstance(q, np.ndarray) else q.unbind(-1)
+def split(q: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Split (..., n) into components (...)."""
+    return tuple(q[..., i] for i in range(q.shape[-1]))
 
 
-def multiply(p: Array, q: Array) -> Array:
+def multiply(p: np.ndarray, q: np.ndarray) -> np.ndarray:
     """Hamilton product (..., 4): first q, then p."""
     (pw, px, py, pz), (qw, qx, qy, qz) = split(p), split(q)
     return join(
@@ -201,15 +179,14 @@ def multiply(p: Array, q: Array) -> Array:
     )
 
 
-def conjugate(q: Array) -> Array:
+def conjugate(q: np.ndarray) -> np.ndarray:
     """The inverse of a unit quaternion (..., 4)."""
     w, x, y, z = split(q)
     return join([w, -x, -y, -z])
 
 
-def exp(vector: Array) -> Array:
+def exp(vector: np.ndarray) -> np.ndarray:
     """Quaternion (..., 4) of a rotation vector (..., 3) rad, exact at any angle."""
-    xp = namespace(vector)
     x, y, z = split(vector)
     h2 = (x * x + y * y + z * z) / 4
     cos = 1 - h2 / 2 * (1 - h2 / 12 * (1 - h2 / 30 * (1 - h2 / 56 * (1 - h2 / 90))))
@@ -217,14 +194,14 @@ def exp(vector: Array) -> Array:
     small = h2 < _SERIES_BELOW
     if not bool(small.all()):
         # Whole turns take this branch, steps between samples never do.
-        h = xp.sqrt(xp.where(small, xp.ones_like(h2), h2))
-        cos, sinc = xp.where(small, cos, xp.cos(h)), xp.where(small, sinc, xp.sin(h) / h)
+        h = np.sqrt(np.where(small, 1.0, h2))
+        cos, sinc = np.where(small, cos, np.cos(h)), np.where(small, sinc, np.sin(h) / h)
     half_sinc = sinc / 2
     return join([cos, half_sinc * x, half_sinc * y, half_sinc * z])
 
 
 def log(q: np.ndarray) -> np.ndarray:
-    """Shortest rotation vector (..., 3) rad, |vector| <= pi, of unit quaternions (NumPy only)."""
+    """Shortest rotation vector (..., 3) rad, |vector| <= pi, of unit quaternions."""
     q = np.where(q[..., :1] < 0, -q, q)
     sine = np.linalg.norm(q[..., 1:], axis=-1)
     angle = 2 * np.arctan2(sine, q[..., 0])
@@ -246,19 +223,18 @@ def from_matrix(matrix: np.ndarray) -> np.ndarray:
     return q / np.linalg.norm(q)
 
 
-def matrix(q: Array) -> Array:
+def matrix(q: np.ndarray) -> np.ndarray:
     """Rotation matrix (..., 3, 3) of unit quaternions (..., 4)."""
-    xp = namespace(q)
     w, x, y, z = split(q)
     elements = [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)]
     elements += [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)]
     elements += [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]
     # Each contiguous in memory, as ``join`` has components.
-    return xp.moveaxis(xp.stack(elements, 0).reshape(3, 3, *w.shape), (0, 1), (-2, -1))
+    return np.moveaxis(np.stack(elements).reshape(3, 3, *w.shape), (0, 1), (-2, -1))
 
 
 def from_euler(roll: np.ndarray | float, pitch: np.ndarray | float, yaw: np.ndarray | float) -> np.ndarray:
-    """Quaternion (..., 4) of R = Rz(yaw) Ry(pitch) Rx(roll), angles in rad (NumPy only)."""
+    """Quaternion (..., 4) of R = Rz(yaw) Ry(pitch) Rx(roll), angles in rad."""
     (cr, cp, cy), (sr, sp, sy) = ([half(angle / 2) for angle in (roll, pitch, yaw)] for half in (np.cos, np.sin))
     parts = cy * cp * cr + sy * sp * sr, cy * cp * sr - sy * sp * cr, cy * sp * cr + sy * cp * sr, sy * cp * cr - cy * sp * sr
     return join(np.broadcast_arrays(*parts))
@@ -277,7 +253,7 @@ def nearest_yaw(q_tb: np.ndarray, q_tilt: np.ndarray) -> np.ndarray:
     return np.where(length > 1e-9, multiply(turn / np.maximum(length, 1e-9), q_tilt), q_tilt)
 
 
-def compose(steps: Array) -> Array:
+def compose(steps: np.ndarray) -> np.ndarray:
     """Product q_0 q_1 … q_T-1 (..., 4) of body-frame steps (..., T, 4), in log2(T) vectorised multiplications."""
     tail = None
     while steps.shape[-2] > 1:
@@ -290,15 +266,12 @@ def compose(steps: Array) -> Array:
     return first if tail is None else multiply(first, tail)
 
 
-def _neighbours(steps: Array, even: int) -> tuple[Array, Array]:
+def _neighbours(steps: np.ndarray, even: int) -> tuple[np.ndarray, np.ndarray]:
     """The steps with even and with odd index among the first ``even``."""
-    if isinstance(steps, np.ndarray):
-        return steps[..., 0:even:2, :], steps[..., 1:even:2, :]
-    first, second = steps[..., :even, :].unflatten(-2, (even // 2, 2)).unbind(-2)
-    return first, second
+    return steps[..., 0:even:2, :], steps[..., 1:even:2, :]
 
 
-def accumulate(steps: Array) -> Array:
+def accumulate(steps: np.ndarray) -> np.ndarray:
     """All partial products q_0 … q_k (..., T, 4) of steps (..., T, 4): a scan of neighbours' products (Ladner and Fischer 1980).
 
     Twice as many multiplications as there are steps, in 2 log2(T) vectorised calls.
@@ -309,16 +282,12 @@ def accumulate(steps: Array) -> Array:
     even = count // 2 * 2
     pairs = accumulate(multiply(*_neighbours(steps, even)))  # the partial products that end at an odd index
     later = multiply(pairs[..., : (count - 1) // 2, :], steps[..., 2::2, :])
-    if isinstance(steps, np.ndarray):
-        whole = _components(4, steps[..., 0])
-        whole[..., :1, :], whole[..., 2::2, :], whole[..., 1::2, :] = steps[..., :1, :], later, pairs
-        return whole
-    xp = namespace(steps)
-    both = xp.stack([xp.concatenate([steps[..., :1, :], later], -2)[..., : even // 2, :], pairs], -2).reshape(*steps.shape[:-2], even, 4)
-    return both if even == count else xp.concatenate([both, later[..., -1:, :]], -2)
+    whole = _components(4, steps[..., 0])
+    whole[..., :1, :], whole[..., 2::2, :], whole[..., 1::2, :] = steps[..., :1, :], later, pairs
+    return whole
 
 
-# Vectors and matrices of rotations (NumPy only).
+# Vectors and matrices of rotations.
 
 
 def cross_matrix(v: np.ndarray) -> np.ndarray:
@@ -357,27 +326,17 @@ def angle_between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 # c = 1/12 (Savage 1998, part 1; Bortz's equation for a linear rate).  For a curved rate the trapezoid omits dt^3/12 w'' per step;
 # summed over a movement from rest to rest, by parts, sum R w'' dt = -sum R (w x w') dt: one more coning term of the same size.  So
 # c = 1/6, and the remaining error is of fourth order: 6e-7 deg instead of 8e-4 deg per hand turn at 208 Hz.
-#
-# The paper's step is the first-order quaternion [1, w dt/2], renormalised: it turns by theta - theta^3/12 and serves to show that error.
 
 CONING = 1 / 6
-INTEGRATORS = ("exact", "first-order")
 
 
-def steps(rate: Array, dt: Array, integrator: str = "exact") -> Array:
+def steps(rate: np.ndarray, dt: np.ndarray) -> np.ndarray:
     """Rotations (..., T-1, 4) of the body from each sample to the next; rate (..., T, 3) rad/s, dt (..., T-1) s."""
-    if integrator == "exact":
-        return exp(step_vectors(rate, dt))
-    if integrator == "first-order":
-        half = (rate[..., :-1, :] + rate[..., 1:, :]) * dt[..., None] / 4
-        xp = namespace(half)
-        q = xp.concatenate([xp.ones_like(half[..., :1]), half], -1)
-        return q / xp.sqrt((q**2).sum(-1))[..., None]
-    raise ValueError(f"integrator is {integrator!r}, expected one of {', '.join(INTEGRATORS)}")
+    return exp(step_vectors(rate, dt))
 
 
-def step_vectors(rate: Array, dt: Array) -> Array:
-    """Rotation vectors (..., T-1, 3) rad of the exact integrator."""
+def step_vectors(rate: np.ndarray, dt: np.ndarray) -> np.ndarray:
+    """Rotation vectors (..., T-1, 3) rad of the steps."""
     before, after = zip(*((part[..., :-1], part[..., 1:]) for part in split(rate)), strict=True)
     half, coning = dt / 2, dt**2 * CONING
     mean = [(b + a) * half for b, a in zip(before, after, strict=True)]

@@ -183,7 +183,7 @@ class LinearEnds:
 
     @classmethod
     def of(cls, model: Any, batch: Batch, columns_of: Callable[[np.ndarray, np.ndarray], np.ndarray] = linear.columns) -> LinearEnds:
-        """Compute the ends with the exact integrator; columns_of(sensitivity (S, T, 3, 3), rates (S, T, 3)) gives columns (S, 3, P)."""
+        """Compute the ends; columns_of(sensitivity (S, T, 3, 3), rates (S, T, 3)) gives columns (S, 3, P)."""
         batch = replace(batch, turns=None)
         end, columns = np.empty((len(batch), 4)), np.empty((len(batch), 3, len(model.vector)))
         for some in residual.parts(len(batch)):
@@ -220,7 +220,6 @@ def fit_least_squares(
     start: LinearModel,
     *,
     still_rates: StillRates | None = None,
-    integrator: str = "exact",
     rest_rps: np.ndarray | None = None,
     begin: LinearModel | Rows | None = None,
     prior: GaussianPrior | None = None,
@@ -242,7 +241,7 @@ def fit_least_squares(
         if isinstance(begin, LinearModel):
             begin = replace(begin, B=np.zeros(3))
     centre, root = _prior(start, prior, held=rest_rps is not None)
-    at = begin if isinstance(begin, Rows) else _rows(batch, (begin or start).vector, integrator, None)
+    at = begin if isinstance(begin, Rows) else _rows(batch, (begin or start).vector, None)
     vector, weight = at.vector, 1 / sigma.reshape(len(batch), -1)
     rank, before = linear.PARAMETERS, 0.0
     for steps in range(1, MAX_STEPS + 1):  # noqa: B007 (reported)
@@ -262,18 +261,18 @@ def fit_least_squares(
         change = centre + root @ (aim[:rank] @ right[:rank]) - vector
         vector = vector + change
         moved = float(np.abs(design @ change).max())
-        # What a step leaves is of second order, in itself and in the residuals that bend the columns, of the same integrator; or steps
+        # What a step leaves is of second order, in itself and in the residuals that bend the columns; or steps
         # shrink as they did before.
         shrinks = min(moved + float(np.abs(angles).max()), moved / before if before else np.inf)
         if moved < TOLERANCE or moved * shrinks < settled:
             break
         before = moved
-        at = _rows(batch, vector, integrator, at if moved < COLUMNS_STAY else None)
+        at = _rows(batch, vector, at if moved < COLUMNS_STAY else None)
     else:
         # The direction that still moves, in sigmas of the prior: a weak one is not bound by the data, a strong one torn by its turns.
         restless = int(np.argmax(np.abs(right[:rank] @ np.linalg.solve(root, change))))
         loose = combination(right[restless]) if strength[restless] < WEAK else ""
-        off = np.linalg.norm(_rows(batch, start.vector, integrator, None).angles, axis=1)
+        off = np.linalg.norm(_rows(batch, start.vector, None).angles, axis=1)
         turned = np.sum(np.linalg.norm(start(batch.rate[:, 1:]), axis=2) * batch.dt, axis=1)
         raise _NotSettled(off, off > CLOSES_WITHIN * np.minimum(turned, MOST_TURNED_RAD), loose)
     covariance = root @ np.linalg.inv(jacobian.T @ jacobian + np.eye(linear.PARAMETERS)) @ root.T
@@ -343,10 +342,10 @@ def _prior(start: LinearModel, prior: GaussianPrior | None, held: bool) -> tuple
     return centre, root
 
 
-def _rows(batch: Batch, vector: np.ndarray, integrator: str, near: Rows | None) -> Rows:
+def _rows(batch: Batch, vector: np.ndarray, near: Rows | None) -> Rows:
     """Rows of a linear model; near: those of a nearby one, whose columns are kept."""
     model = LinearModel.from_vector(vector)
-    if near is None and integrator == "exact" and batch.turns is None:
+    if near is None and batch.turns is None:
         return LinearEnds.of(model, batch).rows(batch, np.ones(len(batch), dtype=bool))
     angles = np.empty((len(batch), batch.angles))
     design = np.empty((len(batch), batch.angles, linear.PARAMETERS)) if near is None else near.columns
@@ -354,11 +353,9 @@ def _rows(batch: Batch, vector: np.ndarray, integrator: str, near: Rows | None) 
         part = batch.pick(some)
         rate = model(part.rate)
         if near is not None:
-            angles[some] = 2 * residual.segment_residuals(part, rate, integrator)
+            angles[some] = 2 * residual.segment_residuals(part, rate)
             continue
         end, sensitivity = residual.end_and_sensitivity(part, rate)
-        if integrator != "exact":
-            end = residual.end_attitude(part, rate, integrator)
         angles[some] = 2 * residual.batch_residual(part, end)
         design[some] = linear.columns(sensitivity, part.rate)[:, : batch.angles]
     return Rows(vector, angles, design, None if near is None else near.ends)

@@ -11,7 +11,7 @@ import numpy as np
 
 from session.base import rotation
 from session.base import rotation as pairs
-from session.base.rotation import Array, identities, sample_weights, step_vectors, steps
+from session.base.rotation import identities, sample_weights, step_vectors
 from session.base.units import DEG
 
 # The third angle of a turn of known angle: the gyro's angle about the turn's axis minus the known one.
@@ -57,21 +57,18 @@ class KnownTurns:
         """Some of the segments."""
         return replace(self, angle_rad=self.angle_rad[which], sigma_rad=self.sigma_rad[which], axis=self.axis[which])
 
-    def residual(self, turn: Array) -> Array:
-        """Residual (..., S) of the gyro's rotations (..., S, 4) from start to end, body axes; 0 if unknown.  NumPy or torch."""
-        xp = rotation.namespace(turn)
-        angle, known = np.nan_to_num(self.angle_rad) / 2, self.known
-        cos, sin, axis, circle, used = (
-            rotation.like(turn, x) for x in (np.cos(angle), np.sin(angle), self.axis, self.near_circle * 1.0, known * 1.0)
-        )
+    def residual(self, turn: np.ndarray) -> np.ndarray:
+        """Residual (..., S) of the gyro's rotations (..., S, 4) from start to end, body axes; 0 if unknown."""
+        angle, axis = np.nan_to_num(self.angle_rad) / 2, self.axis
+        cos, sin = np.cos(angle), np.sin(angle)
         w, x, y, z = rotation.split(turn)
         along = x * axis[..., 0] + y * axis[..., 1] + z * axis[..., 2]
-        length = xp.sqrt(x * x + y * y + z * z + _TINY)
-        about = xp.where(circle > 0, along, xp.where(along < 0, -length, length))
-        size = xp.sqrt(w * w + about * about + _TINY)
+        length = np.sqrt(x * x + y * y + z * z + _TINY)
+        about = np.where(self.near_circle, along, np.where(along < 0, -length, length))
+        size = np.sqrt(w * w + about * about + _TINY)
         left_w, left = (w * cos + about * sin) / size, (about * cos - w * sin) / size
-        sign = xp.where(left_w < 0, -xp.ones_like(left_w), xp.ones_like(left_w))
-        return used * left * sign * xp.sqrt(2 / (1 + left_w * sign))
+        sign = np.where(left_w < 0, -1.0, 1.0)
+        return self.known * left * sign * np.sqrt(2 / (1 + left_w * sign))
 
     def directions(self, start: np.ndarray, end: np.ndarray) -> np.ndarray:
         """Axis u_t (S, 3) of segments from q_tb (S, 4) to q_tb (S, 4), as the gyro predicts it; 0 if the angle is unknown."""
@@ -99,9 +96,9 @@ class KnownTurns:
 # written so that it loses no digits near zero and is smooth there.  As a least-squares residual it is r = vector part x
 # sqrt(2 / (1 + c)), |r| = D; for small errors r is half the error's rotation vector.
 
-#: function from measured rates (..., 3) rad/s to calibrated ones, NumPy or torch
+#: function from measured rates (..., 3) rad/s to calibrated ones
 RateMap = Callable[[Any], Any]
-#: segments processed at once without a gradient: intermediate results stay in the processor's cache, which halves the time
+#: segments processed at once: intermediate results stay in the processor's cache, which halves the time
 TOGETHER = 40
 
 
@@ -157,26 +154,20 @@ class Batch:
         return replace(self, rate=self.rate[:, :count], dt=self.dt[:, : count - 1], earth=self.earth[:, :count])
 
 
-def end_attitude(batch: Batch, rate: Array, integrator: str = "exact") -> Array:
-    """Predicted q_tb (S, 4) at the end from calibrated rates (S, T, 3), which include the Earth's rate.
-
-    NumPy or torch, as ``rate`` is.
-    """
-    return rotation.multiply(rotation.like(rate, batch.start), turned(batch, rate, integrator))
+def end_attitude(batch: Batch, rate: np.ndarray) -> np.ndarray:
+    """Predicted q_tb (S, 4) at the end from calibrated rates (S, T, 3), which include the Earth's rate."""
+    return rotation.multiply(batch.start, turned(batch, rate))
 
 
-def turned(batch: Batch, rate: Array, integrator: str = "exact") -> Array:
+def turned(batch: Batch, rate: np.ndarray) -> np.ndarray:
     """Rotation (S, 4) of the body over each segment, in body axes at its start."""
-    if isinstance(rate, np.ndarray) and len(rate) > TOGETHER:
-        return np.concatenate([turned(batch.pick(some), rate[some], integrator) for some in parts(len(rate))])
-    if isinstance(rate, np.ndarray) and integrator == "exact":
-        return pairs.quaternions(pairs.compose_pairs(_steps(rate - batch.earth, batch.dt)))
-    earth, dt = (rotation.like(rate, x) for x in (batch.earth, batch.dt))
-    return rotation.compose(steps(rate - earth, dt, integrator))
+    if len(rate) > TOGETHER:
+        return np.concatenate([turned(batch.pick(some), rate[some]) for some in parts(len(rate))])
+    return pairs.quaternions(pairs.compose_pairs(_steps(rate - batch.earth, batch.dt)))
 
 
 def _steps(rate: np.ndarray, dt: np.ndarray, start: np.ndarray | None = None) -> pairs.Pairs:
-    """The exact integrator's steps as pairs (S, T-1); with a start (S, 4), preceded by it: (S, T)."""
+    """The steps as pairs (S, T-1); with a start (S, 4), preceded by it: (S, T)."""
     before = int(start is not None)
     shape = (len(dt), dt.shape[1] + before)
     found = np.empty(shape, dtype=complex), np.empty(shape, dtype=complex)
@@ -196,34 +187,33 @@ def _along(batch: Batch, rate: np.ndarray) -> pairs.Pairs:
     return pairs.accumulate_pairs(_steps(rate - batch.earth, batch.dt, batch.start))
 
 
-def residual(q_pred: Array, q_end: np.ndarray | Array, yaw_known: bool) -> Array:
+def residual(q_pred: np.ndarray, q_end: np.ndarray, yaw_known: bool) -> np.ndarray:
     """Residual (S, 2) or (S, 3), |r|^2 the squared quaternion distance; components about the table's x, y (and z)."""
-    xp = rotation.namespace(q_pred)
-    d = rotation.multiply(q_pred, rotation.conjugate(rotation.like(q_pred, q_end)))
+    d = rotation.multiply(q_pred, rotation.conjugate(q_end))
     w, x, y, z = rotation.split(d)
     if yaw_known:
-        sign = xp.where(w < 0, -xp.ones_like(w), xp.ones_like(w))
-        vector, c = xp.stack([x * sign, y * sign, z * sign], -1), w * sign
+        sign = np.where(w < 0, -1.0, 1.0)
+        vector, c = np.stack([x * sign, y * sign, z * sign], -1), w * sign
     else:
-        # For a tilt of half a circle no yaw is nearest; the tiny term keeps the gradient finite.
-        c = xp.sqrt(w**2 + z**2 + 1e-300)
-        vector = xp.stack([(w * x - z * y) / c, (w * y + z * x) / c], -1)
-    return vector * xp.sqrt(2 / (1 + c))[..., None]
+        # For a tilt of half a circle no yaw is nearest; the tiny term keeps the quotient finite.
+        c = np.sqrt(w**2 + z**2 + 1e-300)
+        vector = np.stack([(w * x - z * y) / c, (w * y + z * x) / c], -1)
+    return vector * np.sqrt(2 / (1 + c))[..., None]
 
 
-def batch_residual(batch: Batch, q_pred: Array, turn: Array | None = None) -> Array:
+def batch_residual(batch: Batch, q_pred: np.ndarray, turn: np.ndarray | None = None) -> np.ndarray:
     """Residual (..., S, d) of predicted ends q_tb (..., S, 4); turn: the gyro's rotations (S, 4), where they are known already."""
     tilt = residual(q_pred, batch.end, batch.yaw_known)
     if batch.turns is None:
         return tilt
     if turn is None:
-        turn = rotation.multiply(rotation.conjugate(rotation.like(q_pred, batch.start)), q_pred)
-    return rotation.namespace(q_pred).concatenate([tilt, batch.turns.residual(turn)[..., None]], -1)
+        turn = rotation.multiply(rotation.conjugate(batch.start), q_pred)
+    return np.concatenate([tilt, batch.turns.residual(turn)[..., None]], -1)
 
 
-def segment_residuals(batch: Batch, rate: Array, integrator: str = "exact") -> Array:
+def segment_residuals(batch: Batch, rate: np.ndarray) -> np.ndarray:
     """``batch_residual`` of each segment for calibrated rates (S, T, 3)."""
-    return batch_residual(batch, end_attitude(batch, rate, integrator))
+    return batch_residual(batch, end_attitude(batch, rate))
 
 
 def error_angles(r: np.ndarray) -> np.ndarray:
@@ -264,7 +254,7 @@ def sensitivity(batch: Batch, rate: np.ndarray) -> np.ndarray:
 
 
 def end_and_sensitivity(batch: Batch, rate: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """``end_attitude`` of the exact integrator (S, 4), and ``sensitivity``: both follow from the attitudes at all samples."""
+    """``end_attitude`` (S, 4), and ``sensitivity``: both follow from the attitudes at all samples."""
     segments, samples = rate.shape[:2]
     end = np.empty((segments, 4))
     found = np.empty((segments, 3, 3, samples))  # samples contiguous in memory, for sums over them
@@ -283,6 +273,6 @@ def parts(count: int) -> list[slice]:
     return [slice(first, first + TOGETHER) for first in range(0, count, TOGETHER)]
 
 
-def closure_angles(batch: Batch, model: RateMap, integrator: str = "exact") -> np.ndarray:
+def closure_angles(batch: Batch, model: RateMap) -> np.ndarray:
     """Error angles (S, d) rad under a model."""
-    return error_angles(segment_residuals(batch, model(batch.rate), integrator))
+    return error_angles(segment_residuals(batch, model(batch.rate)))

@@ -51,11 +51,9 @@ class ClosureRun:
     time_known: bool
     yaw_carried: bool
 
-    def errors(self, model: Model, integrator: str = "exact") -> np.ndarray:
+    def errors(self, model: Model) -> np.ndarray:
         """Roll, pitch, yaw error (3,) rad: the error rotation about the table's x, y and the vertical."""
-        if model.pointwise:
-            return self.errors_at(model(self.batch.rate[0]), integrator)
-        return self.errors_at(self.rates(model), integrator)
+        return self.errors_at(model(self.batch.rate[0]) if model.pointwise else self.rates(model))
 
     def rates(self, model: Model) -> np.ndarray:
         """Calibrated rates (N, 3) rad/s of the batch's rows, by a model that may need the whole log.
@@ -72,9 +70,9 @@ class ClosureRun:
         turn = rotation.matrix(residual.attitudes(self.batch, rate[None]))
         return replace(self, batch=replace(self.batch, earth=self.batch.earth + np.einsum("stji,j->sti", turn, more_t)))
 
-    def errors_at(self, rate: np.ndarray, integrator: str = "exact") -> np.ndarray:
+    def errors_at(self, rate: np.ndarray) -> np.ndarray:
         """As ``errors``, for calibrated rates (N, 3) of the batch's rows."""
-        return residual.error_angles(residual.segment_residuals(self.batch, rate[None], integrator))[0]
+        return residual.error_angles(residual.segment_residuals(self.batch, rate[None]))[0]
 
 
 def read_closure_runs(problem: Problem) -> list[ClosureRun]:

@@ -49,7 +49,7 @@ class FitInput:
 
     batch of S segments; sigma (S, d) rad; start: the model that removes the first still's bias; still_rates where they are data; whole:
     the model fitted to all segments, for a fold; among (S all,) bool: the segments of a fold; same: whether their references are
-    those of the fit to all; label: ``whole``, ``fold0``, …; rest_rps: the bias (3,) rad/s from the stills, where it is not fitted;
+    those of the fit to all; rest_rps: the bias (3,) rad/s from the stills, where it is not fitted;
     prior: of the problem.
     """
 
@@ -62,16 +62,14 @@ class FitInput:
     whole: Model | None = None
     among: np.ndarray | None = None
     same: bool = True
-    label: str = "whole"
     rest_rps: np.ndarray | None = None
     prior: GaussianPrior | None = None
 
-    def fold(self, batch: Batch, seen: np.ndarray, number: int, whole: Model, progress: Steps, same_rates: bool = True) -> FitInput:
-        """Select the segments of a batch of all where ``seen`` (S,) is set, as fold ``number``; same_rates: whether its readings are those
+    def fold(self, batch: Batch, seen: np.ndarray, whole: Model, progress: Steps, same_rates: bool = True) -> FitInput:
+        """Select the segments of a batch of all where ``seen`` (S,) is set; same_rates: whether its readings are those
         of the fit to all, whose work may be used."""
         same, among = same_rates and batch is self.batch, seen if same_rates else None
-        batch, sigma, label = batch.pick(seen), self.sigma[seen], f"fold{number}"
-        return replace(self, batch=batch, sigma=sigma, whole=whole, among=among, same=same, progress=progress, label=label)
+        return replace(self, batch=batch.pick(seen), sigma=self.sigma[seen], whole=whole, among=among, same=same, progress=progress)
 
 
 def _input(problem: Problem, options: FitOptions, progress: Steps) -> FitInput:
@@ -92,9 +90,9 @@ def _input(problem: Problem, options: FitOptions, progress: Steps) -> FitInput:
 FitOnce = Callable[[FitInput], tuple[Model, dict]]
 
 
-def held_out(name: str, fit: FitOnce, problem: Problem, options: FitOptions, progress: Steps, integrator: str | None = None) -> MethodFit:
-    """Run ``fit`` as the method of that name; integrator: for its closure, if not that of the options."""
-    batch, integrate = problem.batch, integrator or options.integrator
+def held_out(name: str, fit: FitOnce, problem: Problem, options: FitOptions, progress: Steps) -> MethodFit:
+    """Run ``fit`` as the method of that name."""
+    batch = problem.batch
     folds = min(options.folds, len(batch))
     steps = folds + 1
     everything = _input(problem, options, lambda done, of: progress(done, of * steps))
@@ -111,11 +109,11 @@ def held_out(name: str, fit: FitOnce, problem: Problem, options: FitOptions, pro
         apart = own.batch if own.joint is None else own.joint.without(~seen, own.batch)
         of_all = _input(own, options, progress) if problem.folds else everything
         with naming_segments([segment for segment, kept in zip(problem.used, seen, strict=True) if kept]):
-            part, _ = fit(of_all.fold(apart, seen, k, model, partial(report, progress, k + 1, steps), same_rates=not problem.folds))
+            part, _ = fit(of_all.fold(apart, seen, model, partial(report, progress, k + 1, steps), same_rates=not problem.folds))
         models.append(part)
-        angles[~seen] = closure_angles(apart.pick(~seen), part, integrate)
+        angles[~seen] = closure_angles(apart.pick(~seen), part)
     progress(steps, steps)
-    return MethodFit(name, model, closure_angles(batch, model, integrate), angles, seconds, notes, tuple(models))
+    return MethodFit(name, model, closure_angles(batch, model), angles, seconds, notes, tuple(models))
 
 
 def report(progress: Steps, before: int, steps: int, done: int, of: int) -> None:

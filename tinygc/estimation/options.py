@@ -6,11 +6,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
-from session.base.errors import CalibrationError
 from session.base.features import extended
 from session.base.names import CLOCKS
 from session.base.options import Record, documented, option
-from session.base.texts import install_line
 
 if TYPE_CHECKING:
     import numpy as np
@@ -31,7 +29,7 @@ class Method:
     (problem, options, progress, before), ``before`` being the methods fitted already, by name; None for named physics, which
     is an argument of ``fit_session``;
     parameters: number of fitted parameters, None for as many as its model has; chosen: whether ``--methods`` may name it (the others have
-    an option of their own); trained: whether it is a net, which ``as_in_paper`` trains otherwise.
+    an option of their own).
     """
 
     name: str
@@ -39,7 +37,6 @@ class Method:
     function: str | None = None
     parameters: int | None = None
     chosen: bool = True
-    trained: bool = False
 
 
 METHODS = {
@@ -49,16 +46,14 @@ METHODS = {
         Method("raw_bias_removed", "raw, first still's bias off", "tinygc.methods.raw:run_bias_removed", parameters=3),
         Method("least_squares", "least squares", "tinygc.methods.least_squares:run"),
         Method("pso", "PSO", "tinygc.methods.particle_swarm:run"),
-        Method("tinygc", "TinyGC-Net", "tinygc.methods.network:run", trained=True),
-        Method("tinygc_denoised", "TinyGC-Net, denoised", "tinygc.methods.denoiser:run", trained=True),
+        Method("tinygc", "TinyGC-Net", "tinygc.methods.network:run"),
+        Method("tinygc_denoised", "TinyGC-Net, denoised", "tinygc.methods.denoiser:run"),
         Method("physics", "linear model with physics", chosen=False),
         Method("tinygc_physics", "TinyGC-Net with physics", chosen=False),
     )
 }
 #: methods that ``--methods`` may name, and its default
 CHOSEN = tuple(method.name for method in METHODS.values() if method.chosen)
-#: methods that ``as_in_paper`` trains with PyTorch
-NETS = tuple(method.name for method in METHODS.values() if method.trained)
 
 
 # The result of a method: a model, and its closure error.
@@ -92,35 +87,6 @@ class MethodFit:
         """Number of fitted parameters."""
         own = METHODS[self.name].parameters
         return self.model.parameters if own is None else own
-
-
-# The checkpoint of a training: only its path is part of the options; ``minimise`` reads and writes the file.
-
-NAME = "checkpoint_{}.json"
-
-
-@dataclass(frozen=True)
-class Checkpoint:
-    """A checkpoint file: its path; resume: whether to continue from it if it exists."""
-
-    path: Path
-    resume: bool = False
-
-
-def device() -> str:
-    """Return the available device: an accelerator with double precision, or the processor.  Whoever imports torch asks for it first.
-
-    Raises CalibrationError where PyTorch is not installed: nothing else needs it.
-    """
-    try:
-        import torch
-    except ModuleNotFoundError as error:
-        if error.name != "torch":
-            raise
-        install = install_line("torch", "torch>=2.4")
-        raise CalibrationError(f"training as in the paper needs PyTorch: {install}, or leave out as_in_paper") from None
-
-    return "cuda" if torch.cuda.is_available() else "cpu"
 
 
 # Options of a fit, and those that other commands and functions have as well.
@@ -219,14 +185,9 @@ class FitOptions(AtRest, Clock, Exclude):
     folds: int = option(5, "folds of the held-out closure", least=2, cli=False)
     seed: int = option(0, "seed of the swarm", least=0, cli=False)
     still_rates: bool = option(False, "use the mean rate in each still as data, too", cli=False)
-    as_in_paper: bool = option(
-        False, "train the nets as the paper does: AdamW (needs PyTorch), the distance at the ends, the first-order integrator", cli=False
-    )
     physics: tuple[str, ...] | None = option(
         None, "fit what explain names as well (auto), or effects by id, with commas", metavar="auto|IDS", of_methods=False
     )
-    checkpoints: Path | None = option(None, "folder of the checkpoints of a training as in the paper", cli=False, of_methods=False)
-    resume: bool = option(False, "go on with that training where it was interrupted", cli=False, of_methods=False)
     bias_per_log: bool = option(False, "each log has a bias of its own, as of several days; their median is kept", cli=False)
     bias: str = option(
         "auto",
@@ -252,24 +213,3 @@ class FitOptions(AtRest, Clock, Exclude):
         cli=False,
         of_methods=False,
     )
-
-    def __post_init__(self) -> None:
-        """Check each field, and that a training as in the paper has a net."""
-        super().__post_init__()
-        self.expect(not self.as_in_paper or self.by_torch, "methods", f"a net ({', '.join(NETS)}) for as_in_paper to train")
-
-    @property
-    def integrator(self) -> str:
-        """The integrator of every method's attitudes: the paper's is of first order."""
-        return "first-order" if self.as_in_paper else "exact"
-
-    @property
-    def by_torch(self) -> bool:
-        """Whether PyTorch trains any of the methods."""
-        return self.as_in_paper and not set(NETS).isdisjoint(self.methods)
-
-    def checkpoint(self, name: str) -> Checkpoint | None:
-        """Return the checkpoint of one training, or None."""
-        if self.checkpoints is None or not self.as_in_paper:
-            return None
-        return Checkpoint(self.checkpoints / NAME.format(name), self.resume)

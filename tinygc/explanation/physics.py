@@ -117,7 +117,7 @@ def physics_methods(
     fits = {PHYSICS: MethodFit(PHYSICS, found.model, found.angles, found.held_out, time.perf_counter() - began)}
     if "tinygc" in options.methods:
         progress("TinyGC-Net with physics")
-        net = run_method("tinygc", found.left, replace(options, as_in_paper=False))
+        net = run_method("tinygc", found.left, options)
         assert isinstance(net.model, CalibrationNet)
         fits[NET] = MethodFit(NET, CarriedNet(found.model, net.model), net.angles, net.held_out, fits[PHYSICS].seconds + net.seconds)
     errors = []

@@ -284,7 +284,7 @@ def gather(
         quantities=quantities,
         allan=allan,
         hashes=input_hashes(fit.session),
-        versions=versions(fit.options.by_torch),
+        versions=versions(),
         made=moment.strftime("%Y-%m-%d %H:%M UTC"),
         limit_deg=limit_deg,
         reused=fit.reused,

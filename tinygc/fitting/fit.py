@@ -20,12 +20,11 @@ from tinygc.closure.build import build_problem
 from tinygc.closure.least_squares import GaussianPrior, PriorOf, PriorUse
 from tinygc.closure.prepared import Prepared, prepare
 from tinygc.closure.problem import Problem
-from tinygc.closure.residual import closure_angles
 from tinygc.closure.runs import read_closure_runs
 from tinygc.estimation.bias import BiasChoice, choose, with_level_bias
 from tinygc.estimation.choice import RAW, against_raw, closure_figures, run_figures
 from tinygc.estimation.held_out import run_method
-from tinygc.estimation.options import CHOSEN, NETS, FitOptions, MethodFit, device
+from tinygc.estimation.options import CHOSEN, FitOptions, MethodFit
 from tinygc.estimation.spread import ZERO, Spread
 from tinygc.estimation.stated_noise import StatedNoise, stated_noise, stated_uncertainty
 from tinygc.estimation.systematic import systematic_of
@@ -117,7 +116,7 @@ def fit_session(
         progress("prior", 0, 1)
         bias_from, level, linear, use = given.fit(problem, options, noise)
     fits, reused, not_run = _run_methods(problem, level, options, linear, progress, saved if given is None else None)
-    errors = [{name: run.errors(fit.model, options.integrator) for name, fit in fits.items()} for run in runs]
+    errors = [{name: run.errors(fit.model) for name, fit in fits.items()} for run in runs]
     linear = fits.get("least_squares") or linear
     named = None
     if options.physics is not None:
@@ -136,7 +135,6 @@ def fit_session(
     systematic = None if noise is None else systematic_of(level, model, noise, stated["widened"], options.still_rates)
     turned = replace(options, still_rates=not options.still_rates)
     other = partial(run_method, "least_squares", problem.changed(prior=level.prior), turned, before={"least_squares": linear})
-    exact, first_order = (closure_angles(level.batch, model, name) for name in ("exact", "first-order"))
     return FitResult(
         problem=problem.changed(batch=level.batch, rest_rps=level.rest_rps, floor=floor),  # the weights over several days are not noise
         options=options,
@@ -154,7 +152,6 @@ def fit_session(
         reused=reused,
         not_run=not_run,
         against_raw=against_raw(problem, options, fits),
-        first_order_rad=float(np.linalg.norm(first_order - exact, axis=1).max()),
         prior=use,
         **stated,
     )
@@ -170,8 +167,6 @@ def _run_methods(
     """
     known = {} if saved is None else saved_methods(saved, level, options, inputs_of(problem))
     known.setdefault("least_squares", linear)
-    if options.as_in_paper and any(name in NETS and name not in known for name in options.methods):
-        device()  # what is missing is reported before the work
     fits: dict[str, MethodFit] = {}
     not_run: dict[str, str] = {}
     for name in options.methods:

@@ -101,7 +101,6 @@ def to_json(result: FitResult, limit_deg: float | None = None) -> dict:
             "options": {
                 "seed": result.options.seed,
                 "folds": min(result.options.folds, len(problem.used)),
-                "as_in_paper": result.options.as_in_paper,
                 "bias_per_log": result.options.bias_per_log,
                 "bias": result.options.bias,
                 "accelerometer": result.options.accelerometer,
@@ -193,7 +192,6 @@ FILE_SHAPE = Keys(
         "methods": MapOf(Keys(may={"holdout": Keys(may={"tilt_rms_deg": _TILT_DEG})})),
         "against_raw": Maybe(Keys(may={"tilt_rms_deg": _TILT_DEG})),
         "verdict": Maybe(Keys(may={"answer": Text(), "headline": Text()})),
-        "options": Maybe(Keys(may={"as_in_paper": Flag()})),
         "use": Maybe(Keys(may={"method": Maybe(Text()), "model": Maybe(Text()), "why": Maybe(Text())})),
     },
 )

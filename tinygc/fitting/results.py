@@ -55,9 +55,8 @@ class FitResult:
     methods by name; runs with errors_rad by file and method; covariance (12, 12) of least squares' parameters, already scaled by
     ``widened``, the variance inflation that no noise explains; accelerometer_covariance (12, 12): its part from the accelerometer's
     pre-calibration; noise estimated from the recording, None where it is not; bias_from: source of the bias; fit_other_choice: fits least
-    squares with the opposite choice of still rates; against_raw: whether the fits are better than raw rates; first_order_rad: the largest
-    error of the paper's integrator on these segments; warnings of the first check; physics that was fitted as well, or None; reused:
-    methods taken from saved files instead of being fitted;
+    squares with the opposite choice of still rates; against_raw: whether the fits are better than raw rates; warnings of the first
+    check; physics that was fitted as well, or None; reused: methods taken from saved files instead of being fitted;
     joint_covariance (21, 21): of both sensors (``accelerometer.JOINT_NAMES``), inflated as well, where they were estimated jointly, and
     joint_sources that it is the sum of; joint_shared (21, 21): its part from a given calibration; prior: its use, None without one;
     not_run: why a requested method cannot run on this session, by name; allowed: how far one effect that the recording still
@@ -77,7 +76,6 @@ class FitResult:
     bias_from: BiasChoice
     fit_other_choice: Callable[[], MethodFit]
     against_raw: AgainstRaw
-    first_order_rad: float
     warnings: list[Finding]
     physics: PhysicsFit | None = None
     reused: tuple[str, ...] = ()
@@ -149,7 +147,7 @@ class FitResult:
         chance: tuple[float, int | None]
         if terms is None:
             vector, covariance, chance = self.linear.linear.vector, self.covariance, (self.goodness.p_value, self.goodness.freedom)
-            errors = lambda trial, run: run.errors(LinearModel.from_vector(trial), self.options.integrator)  # noqa: E731
+            errors = lambda trial, run: run.errors(LinearModel.from_vector(trial))  # noqa: E731
         else:
             fit, claims, known = terms
             vector, covariance = fit.state.vector[rows_of_rates(fit.state)], rate_covariance(fit, self.session.clock)

@@ -1,4 +1,4 @@
-"""Train the denoising subnet with the calibration frozen: its data, its losses, second order, and as in the paper."""
+"""Train the denoising subnet with the calibration frozen: its data, its losses, second order."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,14 +16,10 @@ from tinygc.closure import residual
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import Batch
 from tinygc.estimation.held_out import report, run_method
-from tinygc.estimation.options import Checkpoint, FitOptions, MethodFit, device
+from tinygc.estimation.options import FitOptions, MethodFit
 from tinygc.inference.noise import Cost, lowest
 from tinygc.models.denoiser import DILATIONS, KERNEL, PARAMETERS, REACH, DenoisedNet, Denoiser
 from tinygc.models.model import Model
-
-if TYPE_CHECKING:
-    from torch import Tensor
-
 
 # Its data: segments with the samples before and after them.
 
@@ -82,9 +78,9 @@ def of_problem(problem: Problem) -> Material:
     return Material(problem.batch, problem.floor.sigma, context, counts, at_rest, 1 / period_s)
 
 
-def denoised_angles(material: Material, model: DenoisedNet, integrator: str = "exact") -> np.ndarray:
+def denoised_angles(material: Material, model: DenoisedNet) -> np.ndarray:
     """Return error angles (S, d) rad of the whole net, corrected for its delay."""
-    return residual.error_angles(residual.segment_residuals(material.batch, material.rate(model), integrator))
+    return residual.error_angles(residual.segment_residuals(material.batch, material.rate(model)))
 
 
 # Losses that reward smoothing without new labels: neighbouring samples of the log, and the known rate in the stills.
@@ -348,44 +344,7 @@ def _settle(vector: np.ndarray, terms: list[Term], prior: float, steps: int) -> 
     return x.reshape(vector.shape), losses
 
 
-# The denoiser as in the paper: AdamW in PyTorch on the endpoint loss; the best epoch is kept.
-
-#: a third of the calibration's: the subnet's taps are products of three weights
-LEARNING_RATE = 0.003
-
-
-def train_adamw(
-    material: Material, calibration: Model, seed: int, progress: Steps, checkpoint: Checkpoint | None = None
-) -> DenoiserTraining:
-    """Train by AdamW as ``train_denoiser``."""
-    where = device()
-    import torch
-
-    from tinygc.methods.adamw import minimise
-
-    batch = material.batch
-    context = np.ascontiguousarray(calibration(material.context))
-    x, weight = (torch.as_tensor(array, device=where) for array in (context, 2 / material.sigma.reshape(len(batch), -1)))
-
-    def loss_of(vector: Tensor) -> Tensor:
-        y = Denoiser.from_vector(vector).normalised().windowed(x)
-        r = residual.segment_residuals(batch, y[:, : batch.rate.shape[1]]) * weight
-        return (r**2).mean()
-
-    # The best epoch is kept: at the identity the endpoint loss is near its minimum already.
-    _, best, losses = minimise(
-        loss_of,
-        start(seed).vector,
-        learning_rate=LEARNING_RATE,
-        identity=[context, batch.dt, batch.earth, batch.start, batch.end, material.sigma],
-        checkpoint=checkpoint,
-        progress=progress,
-    )
-    denoiser = Denoiser.from_vector(best).normalised()
-    return DenoiserTraining(DenoisedNet(calibration, denoiser, material.rate_hz), losses)
-
-
-# Train the denoising subnet, calibration frozen: second order in NumPy, or as in the paper in PyTorch.
+# Train the denoising subnet, calibration frozen.
 #
 # There are two losses.  ``endpoint`` is the paper's: the closure of the segments.  It hardly rewards smoothing, since integration hides
 # noise.  ``neighbours`` adds the variance in the stills and the expected error in motion (``Risk``), weighed so that noise at rest falls by
@@ -439,31 +398,28 @@ def run(problem: Problem, options: FitOptions, progress: Steps, before: dict[str
     calibrated = before.get("tinygc") or run_method("tinygc", problem, options, progress)
     material = of_problem(problem)
     # A session without rests does not show the noise, and a vehicle's few stills do not show the noise of its flight.
-    endpoint = options.as_in_paper or not material.stills or problem.session.reference is not None
+    endpoint = not material.stills or problem.session.reference is not None
     if not endpoint and (longest := max(map(len, material.stills))) <= REACH:
         window_s, still_s = (REACH + 1) / material.rate_hz, longest / material.rate_hz
         raise FitError(f"its window of {REACH + 1} samples ({window_s:.2g} s) is longer than the stills (at most {still_s:.2g} s)")
     steps, loss = len(calibrated.fold_models) + 1, "endpoint" if endpoint else "neighbours"
 
-    def train(seen: Material, calibration: Model, done: int, label: str, **how: Any) -> DenoiserTraining:
-        values = partial(report, progress, done, steps)
-        if options.as_in_paper:
-            return train_adamw(seen, calibration, options.seed, values, options.checkpoint(f"denoiser_{label}"))
-        return train_denoiser(seen, calibration, loss, seed=options.seed, progress=values, **how)
+    def train(seen: Material, calibration: Model, done: int, **how: Any) -> DenoiserTraining:
+        return train_denoiser(seen, calibration, loss, seed=options.seed, progress=partial(report, progress, done, steps), **how)
 
     began, enough, smooth = time.perf_counter(), material.enough(), None
     smoothing = None if endpoint else smoothing_rows(enough, calibrated.model)
-    model, losses = train(enough, calibrated.model, 0, "whole", smoothing=smoothing)
+    model, losses = train(enough, calibrated.model, 0, smoothing=smoothing)
     seconds = time.perf_counter() - began
     if not endpoint:
         smooth = train_denoiser(enough, calibrated.model, seed=options.seed, closing=False, smoothing=smoothing).model.denoiser
     held_out = np.zeros_like(calibrated.held_out)
     fold = np.arange(len(problem.batch)) % len(calibrated.fold_models)
     for k, calibration in enumerate(calibrated.fold_models):
-        part, _ = train(material.pick(fold != k).enough(), calibration, k + 1, f"fold{k}", near=smooth)
-        held_out[fold == k] = denoised_angles(material.pick(fold == k), part, options.integrator)
+        part, _ = train(material.pick(fold != k).enough(), calibration, k + 1, near=smooth)
+        held_out[fold == k] = denoised_angles(material.pick(fold == k), part)
     notes = {"loss": losses, "denoiser": figures(material, model) | {"loss": loss}}
-    angles = denoised_angles(material, model, options.integrator)
+    angles = denoised_angles(material, model)
     return MethodFit("tinygc_denoised", model, angles, held_out, calibrated.seconds + seconds, notes)
 
 

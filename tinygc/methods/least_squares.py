@@ -31,7 +31,7 @@ class _LeastSquaresFits:
         self.rows: Rows | None = None
 
     def __call__(self, seen: FitInput) -> tuple[LinearModel, dict]:
-        options, rest = seen.options, seen.rest_rps
+        rest = seen.rest_rps
         rates = seen.still_rates if rest is None else None  # the readings already include the stills
         begin: LinearModel | Rows | None = self.near if seen.whole is None else cast(LinearModel, seen.whole)
         if self.rows is not None and seen.among is not None:
@@ -44,7 +44,6 @@ class _LeastSquaresFits:
             seen.sigma,
             seen.start,
             still_rates=rates,
-            integrator=options.integrator,
             rest_rps=rest,
             begin=begin,
             prior=seen.prior,

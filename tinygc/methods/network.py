@@ -1,11 +1,10 @@
-"""Train the calibration subnet on the endpoint loss; as in the paper, on its loss of distances."""
+"""Train the calibration subnet on the endpoint loss."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -18,23 +17,15 @@ from tinygc.closure.least_squares import LinearEnds, Rows, StillRates, fit_least
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import Batch
 from tinygc.estimation.held_out import FitInput, held_out
-from tinygc.estimation.options import Checkpoint, FitOptions, MethodFit, device
+from tinygc.estimation.options import FitOptions, MethodFit
 from tinygc.models.linear import PARAMETERS, LinearModel, bias_only
 from tinygc.models.nets import TIES, CalibrationNet
 
-if TYPE_CHECKING:
-    from torch import Tensor
-
-
-# Train the calibration subnet on the endpoint loss: one net, one residual, in NumPy or in PyTorch.
-#
-# Second order: least squares finds the linear solution, and Levenberg-Marquardt goes from there along a path of weaker and weaker ties
-# to it (prior sigmas).  The net's Jacobian is contracted with the closure's linear sensitivity, so one step costs about one epoch.  The
+# Train the calibration subnet on the endpoint loss by the second order: least squares finds the linear solution, and
+# Levenberg-Marquardt goes from there along a path of weaker and weaker ties to it (prior sigmas).  The net's Jacobian is contracted with
+# the closure's linear sensitivity, so one step costs about one pass over the samples.  The
 # solution with the least leave-one-segment-out error on that path is kept, so that 27 parameters do not fit the noise that 12 do not.  A
 # tie whose first, linear step predicts no improvement is skipped.
-#
-# As in the paper (``FitOptions.as_in_paper``): AdamW at 0.01 in PyTorch (``adamw.py``), differentiating through the tree product.  Only
-# that imports torch; the second order needs no autograd.
 
 #: standard errors by which a looser tie must lower the left-out error to be accepted
 BELIEF = 3.0
@@ -49,7 +40,7 @@ PROMISED = 1e-8
 
 @dataclass(frozen=True, eq=False)
 class Training:
-    """The result of a training: net; selected tie (0: linear); loss after each step or epoch, the mean squared residual in sigmas."""
+    """The result of a training: net; selected tie (0: linear); loss after each step, the mean squared residual in sigmas."""
 
     net: CalibrationNet
     tie: float
@@ -121,8 +112,8 @@ class _Problem:
 
     def residuals(self, vector: np.ndarray) -> np.ndarray:
         net = CalibrationNet.from_vector(vector)
-        turns = [residual.turned(part, net(part.rate)) for part in self.parts]
-        return self.rows(vector, 2 * _residuals(self.batch, np.concatenate(turns)))
+        turn = np.concatenate([residual.turned(part, net(part.rate)) for part in self.parts])
+        return self.rows(vector, 2 * residual.batch_residual(self.batch, rotation.multiply(self.batch.start, turn), turn))
 
     def rows(self, vector: np.ndarray, angles: np.ndarray) -> np.ndarray:
         """Return rows (n,) in sigmas from error angles (S, d) rad."""
@@ -216,62 +207,8 @@ class _Linear:
 # The method ``tinygc``: the calibration subnet of TinyGC-Net, trained on the endpoint loss.
 
 
-def _residuals(batch: Batch, turn: Any) -> Any:
-    """Residuals (S, d) of the body's rotations (S, 4) in the segments; NumPy or torch."""
-    return residual.batch_residual(batch, rotation.multiply(rotation.like(turn, batch.start), turn), turn)
-
-
-# As in the paper: AdamW at 0.01 on the whole batch, differentiating through the tree product.
-#
-# The loss is a mean of distances, not of their squares: of segment i, its residual in sigmas over sigma_i.
-
-LEARNING_RATE = 0.01
-#: in sigmas: distances are smoothed below it, so that the gradient exists at zero
-SHORTEST = 1e-3
-
-
-def train_adamw(
-    batch: Batch,
-    sigma: np.ndarray,
-    *,
-    still_rates: StillRates | None = None,
-    checkpoint: Checkpoint | None = None,
-    progress: Steps = no_report,
-) -> Training:
-    """Train by AdamW from the identity, with a cosine decay.
-
-    Raises FitError where the loss is not finite, or where a checkpoint to resume belongs to other data or settings.
-    """
-    where = device()
-    import torch
-
-    from tinygc.methods.adamw import minimise
-
-    spread_of_rows = sigma.reshape(len(batch), -1)
-    weights_of_rows = 2 / spread_of_rows
-    trust = 1 / np.sqrt((np.broadcast_to(spread_of_rows, (len(batch), batch.angles)) ** 2).mean(axis=1, where=batch.known))
-    rate, weight, trust = (torch.as_tensor(array, device=where) for array in (batch.rate, weights_of_rows, trust / trust.mean()))
-    identity = [batch.rate, batch.dt, batch.earth, batch.start, batch.end, sigma]
-    if still_rates is not None:
-        still, earth, spread = (torch.as_tensor(array, device=where) for array in (still_rates.rate, still_rates.earth, still_rates.sigma))
-        identity += [still_rates.rate, still_rates.earth, still_rates.sigma]
-
-    def loss_of(weights: Tensor) -> Tensor:
-        net = CalibrationNet.from_vector(weights)
-        r = _residuals(batch, residual.turned(batch, net(rate), "first-order")) * weight
-        total = ((r**2).sum(-1) + SHORTEST**2).sqrt() @ trust * batch.angles
-        if still_rates is None:
-            return total / r.numel()
-        rows = (net(still) - earth) / spread
-        return (total + (rows**2).sum()) / (r.numel() + rows.numel())
-
-    start = CalibrationNet.identity().vector
-    vector, _, losses = minimise(loss_of, start, learning_rate=LEARNING_RATE, identity=identity, checkpoint=checkpoint, progress=progress)
-    return Training(CalibrationNet.from_vector(vector), np.inf, tuple(losses))
-
-
 def run(problem: Problem, options: FitOptions, progress: Steps, before: dict[str, MethodFit]) -> MethodFit:
-    """Fit 27 parameters, by the second order or as in the paper.  Raises FitError where the loss is not finite."""
+    """Fit 27 parameters.  Raises FitError where the loss is not finite."""
     return held_out("tinygc", partial(_fit, _Begins(before.get("least_squares"))), problem, options, progress)
 
 
@@ -297,10 +234,5 @@ class _Begins:
 
 
 def _fit(begins: _Begins, seen: FitInput) -> tuple[CalibrationNet, dict]:
-    how: dict[str, Any] = {"still_rates": seen.still_rates, "progress": seen.progress}
-    if seen.options.as_in_paper:
-        trained = train_adamw(seen.batch, seen.sigma, **how, checkpoint=seen.options.checkpoint(f"tinygc_{seen.label}"))
-    else:
-        trained = train_second_order(seen.batch, seen.sigma, **how, **begins.of(seen))
-    tie = trained.tie if math.isfinite(trained.tie) else None  # AdamW has no tie; JSON has no infinity
-    return trained.net, {"tie": tie, "loss": list(trained.loss)}
+    trained = train_second_order(seen.batch, seen.sigma, still_rates=seen.still_rates, progress=seen.progress, **begins.of(seen))
+    return trained.net, {"tie": trained.tie, "loss": list(trained.loss)}

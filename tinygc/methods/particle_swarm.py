@@ -124,8 +124,7 @@ def search(
 
 def run(problem: Problem, options: FitOptions, progress: Steps, before: dict[str, MethodFit]) -> MethodFit:
     """Fit E and B; the result depends only on the data and ``options.seed``."""
-    # A swarm uses the exact integrator, so its closure is computed with that.
-    return held_out("pso", _SwarmFits(), problem, options, progress, integrator="exact")
+    return held_out("pso", _SwarmFits(), problem, options, progress)
 
 
 class _SwarmFits:

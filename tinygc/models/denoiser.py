@@ -8,7 +8,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from session.base import rotation
 from session.base.errors import FormatError
 from session.base.results import Array, Keys, Number, require
 from tinygc.models.model import FACTOR, Model, Stream
@@ -42,9 +41,7 @@ REACH = (KERNEL - 1) * sum(DILATIONS)
 
 @dataclass(frozen=True, eq=False)
 class Denoiser:
-    """The subnet's weights, NumPy or torch, (axis, channel out, channel in, tap), the last tap on the newest sample.
-
-    Its input must be of the same library as its weights; the type ``Any`` stands for either.
+    """The subnet's weights (axis, channel out, channel in, tap), the last tap on the newest sample.
 
     conv1 (3, 2, 1, 7), conv2 (3, 2, 2, 7), conv3 (3, 1, 2, 7).
     """
@@ -62,7 +59,7 @@ class Denoiser:
         return cls(weights["conv1"], weights["conv2"], weights["conv3"]).normalised()
 
     @classmethod
-    def from_vector(cls, vector: Any) -> Denoiser:
+    def from_vector(cls, vector: np.ndarray) -> Denoiser:
         """Build from weights (3, 56): conv1, conv2, conv3 of each axis."""
         parts, at = [], 0
         for shape in SHAPES.values():
@@ -73,17 +70,14 @@ class Denoiser:
         return cls(conv1, conv2, conv3)
 
     @property
-    def vector(self) -> Any:
+    def vector(self) -> np.ndarray:
         """(3, 56) weights of each axis."""
-        xp = rotation.namespace(self.conv1)
-        return xp.concatenate([getattr(self, name).reshape(3, -1) for name in SHAPES], -1)
+        return np.concatenate([getattr(self, name).reshape(3, -1) for name in SHAPES], -1)
 
     @property
-    def gain(self) -> Any:
+    def gain(self) -> np.ndarray:
         """(3,) gain at a constant rate; 1 if normalised."""
-        xp = rotation.namespace(self.conv1)
-        one = xp.ones_like(self.conv1[:, 0, :, :1])
-        return self._net(xp.concatenate([one] * (REACH + 1), -1))[:, 0, 0]
+        return self._net(np.ones((3, 1, REACH + 1), self.conv1.dtype))[:, 0, 0]
 
     def normalised(self) -> Denoiser:
         """Scale to exactly unit gain at every constant rate.  Raises ValueError if the gain is not positive."""
@@ -92,31 +86,28 @@ class Denoiser:
             raise ValueError("the denoiser passes no constant rate on some axis")
         return replace(self, conv3=self.conv3 / gain[:, None, None, None])
 
-    def __call__(self, rate: Any) -> Any:
+    def __call__(self, rate: np.ndarray) -> np.ndarray:
         """Denoised rate (..., N, 3) rad/s at every sample; the input is constant before its first sample."""
-        xp = rotation.namespace(rate)
-        held = xp.concatenate([rate[..., :1, :]] * REACH + [rate], -2)
-        return self.windowed(held)
+        return self.windowed(np.concatenate([rate[..., :1, :]] * REACH + [rate], -2))
 
-    def windowed(self, rate: Any) -> Any:
+    def windowed(self, rate: np.ndarray) -> np.ndarray:
         """Denoised rate (..., N - REACH, 3), with the first ``REACH`` samples as history only: a window of 50 gives its newest two."""
-        xp = rotation.namespace(rate)
-        x = xp.moveaxis(rate, -1, -2)[..., None, :]
-        return xp.moveaxis(self._net(x)[..., 0, :], -2, -1)
+        x = np.moveaxis(rate, -1, -2)[..., None, :]
+        return np.moveaxis(self._net(x)[..., 0, :], -2, -1)
 
     def taps(self) -> np.ndarray:
-        """(3, REACH + 1): impulse response, newest sample first (NumPy only)."""
+        """(3, REACH + 1): impulse response, newest sample first."""
         impulse = np.zeros((2 * REACH + 1, 3))
         impulse[REACH] = 1.0
         return self.windowed(impulse).T
 
     @property
     def delay_samples(self) -> np.ndarray:
-        """(3,) delay of the response to a steady ramp, in samples (NumPy only)."""
+        """(3,) delay of the response to a steady ramp, in samples."""
         ramp = np.arange(-REACH, 1.0)[:, None] + np.full(3, 1e3)
         return 1e3 - self.windowed(ramp)[-1]
 
-    def _net(self, x: Any) -> Any:
+    def _net(self, x: np.ndarray) -> np.ndarray:
         """f(x) (..., 3, 1, N - REACH) of x (..., 3, 1, N)."""
         for weight, dilation in zip((self.conv1, self.conv2, self.conv3), DILATIONS, strict=True):
             length = x.shape[-1] - (KERNEL - 1) * dilation
@@ -165,7 +156,7 @@ class DenoisedNet(Model):
         """Output delay in s, averaged over the axes."""
         return float(self.denoiser.delay_samples.mean()) / self.rate_hz
 
-    def __call__(self, rate: Any) -> Any:
+    def __call__(self, rate: np.ndarray) -> np.ndarray:
         """Calibrated and denoised rate (..., N, 3) rad/s."""
         return self.denoiser(self.calibration(rate))
 
@@ -184,11 +175,10 @@ class DenoisedNet(Model):
 
         return push
 
-    def undelayed(self, rate: Any) -> Any:
+    def undelayed(self, rate: np.ndarray) -> np.ndarray:
         """Output with the delay removed; the last values are repeated (for attitudes in post-processing)."""
-        xp = rotation.namespace(rate)
         late, lag = self(rate), max(self.delay_samples, 0)
-        return xp.concatenate([late[..., lag:, :]] + [late[..., -1:, :]] * min(lag, late.shape[-2]), -2)
+        return np.concatenate([late[..., lag:, :]] + [late[..., -1:, :]] * min(lag, late.shape[-2]), -2)
 
 
 # TinyGC-Net with its denoiser as JSON: the calibration's table and the three convolutions.

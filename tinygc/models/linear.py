@@ -10,7 +10,6 @@ import numpy as np
 
 from session.base import rotation
 from session.base.numeric import derivative
-from session.base.rotation import Array
 from session.base.units import DEG
 from tinygc.inference.decide import Fact
 from tinygc.inference.solve import Source, effective_freedom, known_sources
@@ -26,10 +25,8 @@ PRIOR_SIGMA = np.array([0.2] * 9 + [20 * DEG] * 3)
 NAMES = (*(f"E_{i}{j}" for i in "xyz" for j in "xyz"), "B_x", "B_y", "B_z")
 
 
-def mapped(matrix: Array, vectors: Array) -> Array:
-    """Product (..., n) of a matrix (n, m) with vectors (..., m); for NumPy, each component contiguous in memory."""
-    if not isinstance(vectors, np.ndarray):
-        return vectors @ matrix.T
+def mapped(matrix: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """Product (..., n) of a matrix (n, m) with vectors (..., m), each component contiguous in memory."""
     components = np.moveaxis(vectors, -1, 0)
     return np.moveaxis((matrix @ components.reshape(len(components), -1)).reshape(len(matrix), *components.shape[1:]), 0, -1)
 

@@ -185,7 +185,7 @@ class Model:
     """A map from measured rates to calibrated ones.
 
     kind: its name in the model file (``tinygc/models/files.py``); pointwise: whether each rate is calibrated by itself, so that the model
-    may be called on rates (..., 3) of NumPy or torch; rates_only: whether its only input is rates (a denoiser has memory and is called on
+    may be called on rates (..., 3); rates_only: whether its only input is rates (a denoiser has memory and is called on
     (..., N, 3) in time order); parameters: number of fitted parameters; undone: the effects that it removes; conditions: names of its
     other inputs; made_for_hz: the sampling rate that it was made for, None for any; delay_s: its output delay; session_s: duration of
     its session in s if it is valid only in that session's time, None otherwise.

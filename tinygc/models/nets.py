@@ -8,7 +8,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from session.base import rotation
 from session.base.results import Array, Keys, require
 from tinygc.models.linear import PRIOR_SIGMA, LinearModel, mapped
 from tinygc.models.model import FACTOR, MATRIX, RATE, Model
@@ -29,7 +28,7 @@ INNER_TIE = 0.1
 
 @dataclass(frozen=True, eq=False)
 class CalibrationNet(Model):
-    """The subnet's weights, NumPy or torch: W1 (3, 3), b1 (3,) rad/s, slope (3,), W2 (3, 3), b2 (3,) rad/s."""
+    """The subnet's weights: W1 (3, 3), b1 (3,) rad/s, slope (3,), W2 (3, 3), b2 (3,) rad/s."""
 
     kind: ClassVar[str] = "tinygc"
     SHAPES: ClassVar[dict[str, tuple[int, ...]]] = {"W1": (3, 3), "b1": (3,), "slope": (3,), "W2": (3, 3), "b2": (3,)}
@@ -51,7 +50,7 @@ class CalibrationNet(Model):
         return cls(np.eye(3), np.zeros(3), np.ones(3), model.E - np.eye(3), model.B)
 
     @classmethod
-    def from_vector(cls, vector: Any) -> CalibrationNet:
+    def from_vector(cls, vector: np.ndarray) -> CalibrationNet:
         """Build from 27 weights in the order of the fields, matrices row by row."""
         parts, at = [], 0
         for shape in cls.SHAPES.values():
@@ -79,21 +78,19 @@ class CalibrationNet(Model):
         return replace(self, b2=self.b2 + change)
 
     @property
-    def vector(self) -> Any:
+    def vector(self) -> np.ndarray:
         """(27,) all weights."""
-        xp = rotation.namespace(self.W1)
-        return xp.concatenate([getattr(self, field.name).reshape(-1) for field in fields(self)], 0)
+        return np.concatenate([getattr(self, field.name).ravel() for field in fields(self)])
 
-    def __call__(self, rate: Any) -> Any:
+    def __call__(self, rate: np.ndarray) -> np.ndarray:
         """Calibrated rate (..., 3) rad/s from the measured one."""
         h = mapped(self.W1, rate) + self.b1
-        xp = rotation.namespace(h)
-        return rate + mapped(self.W2, xp.where(h >= 0, h, self.slope * h)) + self.b2
+        return rate + mapped(self.W2, np.where(h >= 0, h, self.slope * h)) + self.b2
 
     def columns(self, sensitivity: np.ndarray, rate: np.ndarray) -> np.ndarray:
         """(S, d, 27): rotation of the end attitude per weight, from sensitivity (S, T, d, 3) and measured rates (S, T, 3).
 
-        This is the chain rule written out, with the sums over the samples taken first (NumPy only).
+        This is the chain rule written out, with the sums over the samples taken first.
         """
         segments, samples, d = sensitivity.shape[:3]
         by_time, m = sensitivity.transpose(0, 2, 3, 1), rate.transpose(0, 2, 1)  # the samples last: sums run along memory

@@ -13,14 +13,13 @@ PACKAGES = ("numpy", "scipy")
 ROOT = Path(__file__).resolve().parents[2]
 
 
-def versions(by_torch: bool = False) -> dict[str, str]:
-    """Return the versions of this project, its commit if it runs from a checkout, Python, and the numerical packages; by_torch: whether
-    PyTorch trained what they are of."""
+def versions() -> dict[str, str]:
+    """Return the versions of this project, its commit if it runs from a checkout, Python, and the numerical packages."""
     found = {"TinyGC": VERSION}
     if commit := _commit():
         found["commit"] = commit
     found["Python"] = platform.python_version()
-    for name in (*PACKAGES, *(["torch"] if by_torch else [])):
+    for name in PACKAGES:
         try:
             found[name] = metadata.version(name)
         except metadata.PackageNotFoundError:

@@ -215,7 +215,6 @@ def remarks(result: FitResult) -> list[Text]:
             f"the bias moves by up to {moved.max():.1f} sigma."
         )
     )
-    lines.append(Text(f"The paper's first-order integrator would be wrong by up to {result.first_order_rad / DEG:.4f}° on a segment here."))
     return lines
 
 

@@ -276,8 +276,7 @@ def refit(fitted, *, channels=None, known=None, reading=0.0, clock=0.0):
         earth=batch.earth + apart,
     )
     rest = problem.rest_rps + reading + np.linalg.solve(problem.first.E, still.mean(axis=0))
-    begin, how = fitted.linear.model, fitted.options.integrator
-    return fit_least_squares(batch, problem.floor.sigma, problem.first, integrator=how, rest_rps=rest, begin=begin).model.vector
+    return fit_least_squares(batch, problem.floor.sigma, problem.first, rest_rps=rest, begin=fitted.linear.model).model.vector
 
 
 def moved_by(fitted, size, **errors):

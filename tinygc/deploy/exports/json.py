@@ -6,7 +6,6 @@ from session.base.records import json_text, table_of
 from tinygc import models
 from tinygc.deploy.exports._context import Context
 from tinygc.deploy.exports._text import self_test
-from tinygc.estimation.options import NETS
 from tinygc.models import linear
 from tinygc.models.model import Model, accelerometer_table, sensor_table
 from tinygc.models.versions import versions
@@ -18,8 +17,7 @@ UNITS = "E: 1, B: rad/s, of an effect as theta_si; product of the two parameters
 def export(model: Model, context: Context) -> dict[str, str]:
     """Export any model."""
     table = models.to_dict(model)
-    by_torch = context.method in NETS and (context.fit.get("options") or {}).get("as_in_paper", False)
-    table |= {"method": context.method, "session": context.session, "versions": versions(by_torch)}
+    table |= {"method": context.method, "session": context.session, "versions": versions()}
     if context.covariance is not None:
         table |= {
             "covariance": context.covariance.tolist(),

@@ -257,7 +257,7 @@ class LotFile:
         vector = own - (1 - p) * apart
         mixed = LinearModel.from_vector(vector)
         whole = p * (inside + share @ prior.covariance @ share.T) + (1 - p) * covariance + p * (1 - p) * np.outer(apart, apart)
-        linear = replace(linear, model=mixed, angles=closure_angles(level.batch, mixed, options.integrator))
+        linear = replace(linear, model=mixed, angles=closure_angles(level.batch, mixed))
         used, off = ("yes", None) if p >= BELONGS else ("partly", off)
         return bias_from, level, linear, use(used, np.clip(p * np.diag(share), 0, 1), whole - inside, off)
 

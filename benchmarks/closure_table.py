@@ -67,17 +67,16 @@ def figures(session: Session, heading_deg: float) -> dict:
     return result
 
 
-def fit_model(name: str, problem: Problem, still_rates: bool = False):
+def fit_model(name: str, problem: Problem):
     """One method's model of all segments, without the folds that ``fit`` adds."""
     batch, sigma, start = problem.batch, problem.floor.sigma, bias_only(problem.still_rates.rate[0])
-    rates = problem.still_rates if still_rates else None
     if name == "raw":
         return bias_only()
     if name == "least_squares":
-        return fit_least_squares(batch, sigma, start, still_rates=rates).model
+        return fit_least_squares(batch, sigma, start).model
     if name == "pso":
-        return fit_pso(batch, sigma, start, seed=0, still_rates=rates)
-    net = train_second_order(batch, sigma, still_rates=rates).net
+        return fit_pso(batch, sigma, start, seed=0)
+    net = train_second_order(batch, sigma).net
     return net if name == "tinygc" else train_denoiser(of_problem(problem), net).model
 
 

@@ -79,7 +79,7 @@ def one_session(job: Job) -> dict:
     fit = fit_least_squares(problem.batch, problem.floor.sigma, bias_only(problem.still_rates.rate[0]))
     noise = stated_noise(problem)
     found, widened = stated_goodness(problem, fit.model, noise)
-    whole, accelerometer = stated_covariance(problem, fit.model, noise, False)
+    whole, accelerometer = stated_covariance(problem, fit.model, noise)
     covariance = widened * (whole - accelerometer) + (0.0 if session.clock is None else session.clock.covariance(fit.model.vector))
     sigma, error = np.sqrt(np.diag(covariance)), fit.model.vector - truth
     return {

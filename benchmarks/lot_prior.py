@@ -155,7 +155,7 @@ def one_unit(job: Job) -> dict:
 
 
 def _noise(level, fit, noise) -> np.ndarray:
-    return stated_goodness(level, fit.model, noise)[1] * stated_covariance(level, fit.model, noise, False)[0]
+    return stated_goodness(level, fit.model, noise)[1] * stated_covariance(level, fit.model, noise)[0]
 
 
 if __name__ == "__main__":

@@ -118,7 +118,6 @@ def test_ends_and_stills_are_alike_within_a_percent(stills, why):
     ("more", "truths", "why"),
     [
         ({}, True, "do not lie between stills"),
-        ({"still_rates": True}, False, "still_rates"),
         ({"bias_per_log": True}, False, "bias_per_log"),
     ],
 )

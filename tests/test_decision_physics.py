@@ -184,7 +184,7 @@ def test_what_is_handed_on_has_the_covariance_of_both_estimates_for_the_same_err
     have = twin.evidence().of((A,), twin.evidence().nothing)
     L = np.random.default_rng(2).normal(size=(12, twin.n))
     left = FitClosure(SimpleNamespace(), SimpleNamespace(model=LinearModel.from_vector(np.arange(12.0))))
-    with patch.object(decision, "stated_response", lambda problem, model, still_rates: L):
+    with patch.object(decision, "stated_response", lambda problem, model: L):
         found = _with_linear(twin, have.whiten, have.fit, left)
     np.testing.assert_array_equal(found.state.vector, [*range(12), *have.fit.state.vector[12:]])
     C, prior = have.whiten.covariance, prior_sigmas(twin, [A])

@@ -239,12 +239,11 @@ def test_other_references_need_no_sample(fine):
     assert_allclose(rows.angles, angles_by_scipy(bent, PERFECT.vector)[some], atol=1e-12)
 
 
-TURNS, STILLS = 8, 3
+TURNS = 8
 #: (3,) rad/s: twenty times ours, so that its heading counts
 EARTH_T = 20 * with_heading(31.03, 10.0).rate_t
 SECOND_S = np.arange(TURNS) * 9.0
 WANDER = BiasWander(SECOND_S, 40 * DEG_PER_HOUR)
-STILL_S = np.array([-3.0, 30.0, 70.0])
 
 
 def some_floor(angles, excess=1.0):
@@ -257,9 +256,9 @@ def some_floor(angles, excess=1.0):
 
 
 class Data:
-    """Turns that close, and stills, under an Earth; whatever is moved is fitted again."""
+    """Turns that close under an Earth; whatever is moved is fitted again."""
 
-    def __init__(self, kind, with_stills, prior=None):
+    def __init__(self, kind, prior=None):
         batch = small_turns(TURNS, yaw_known=kind == "dials")
         for _ in range(4):  # the Earth in body axes and the attitudes depend on one another
             body = EarthRate(EARTH_T, 0.0, 0.1, "estimated").in_body(residual.attitudes(batch, TRUE(batch.rate)))
@@ -267,25 +266,16 @@ class Data:
         batch = replace(batch, end=residual.end_attitude(batch, TRUE(batch.rate)))
         self.batch = with_known_angles(batch) if kind == "known angles" else batch
         self.body = residual.attitudes(batch, TRUE(batch.rate))
-        self.floor, self.prior, self.stills = some_floor(self.batch.angles, 1.3), prior, None
-        if with_stills:
-            rng = np.random.default_rng(4)
-            q_tb = rotation.exp(rng.normal(size=(STILLS, 3)))
-            earth = EarthRate(EARTH_T, 0.0, 0.1, "estimated").in_body(q_tb)
-            measured = (earth - TRUE.B) @ np.linalg.inv(TRUE.E).T
-            self.stills = StillRates(measured, earth, rng.uniform(1e-4, 3e-4, (STILLS, 3)), q_tb, STILL_S)
+        self.floor, self.prior = some_floor(self.batch.angles, 1.3), prior
 
-    def fitted(self, ends=0.0, stills=0.0, heading=0.0, horizontal=(0.0, 0.0), bias=0.0, still_bias=0.0):
-        """(12,): ends (S, 3) rad that the references are turned by, stills (Q, 3) rad/s added to the calibrated rates of stills, the
-        heading's error, a horizontal rate (2,), and biases (S, 3), (Q, 3) rad/s beyond the constant one."""
+    def fitted(self, ends=0.0, heading=0.0, horizontal=(0.0, 0.0), bias=0.0):
+        """(12,): ends (S, 3) rad that the references are turned by, the heading's error, a horizontal rate (2,), and biases (S, 3) rad/s
+        beyond the constant one."""
         turned = rotation.matrix(rotation.exp(np.array([0, 0, heading]))) @ EARTH_T + [*horizontal, 0.0]
         moved = EarthRate(turned, 0.0, 0.1, "estimated")
         earth = moved.in_body(self.body) - np.broadcast_to(bias, (TURNS, 3))[:, None]
         batch = turned_ends(replace(self.batch, earth=earth), ends + np.zeros((TURNS, 3)))
-        rates = None
-        if self.stills is not None:
-            rates = replace(self.stills, earth=moved.in_body(self.stills.q_tb) - stills - still_bias)
-        found = fit_least_squares(batch, self.floor.sigma, PERFECT, still_rates=rates, begin=TRUE, prior=self.prior)
+        found = fit_least_squares(batch, self.floor.sigma, PERFECT, begin=TRUE, prior=self.prior)
         return found.model.vector
 
     def answer(self, name, rows, step=1e-5):
@@ -295,29 +285,24 @@ class Data:
 
     def covariance(self, rate_t=EARTH_T, **more):
         earth = EarthRate(rate_t, 0.0, 0.6, more.pop("source", "given"))
-        return sum(covariance_parts(self.batch, self.floor, TRUE, earth, self.stills, prior=self.prior, **more).values())
+        return sum(covariance_parts(self.batch, self.floor, TRUE, earth, prior=self.prior, **more).values())
 
     @cached_property
     def unmoved(self):
         return self.fitted()
 
 
-@pytest.fixture(scope="module", params=[("tilt", False, False), ("known angles", True, True)], ids=str)
+@pytest.fixture(scope="module", params=["tilt", "known angles"])
 def data(request):
-    kind, with_stills, with_prior = request.param
-    return Data(kind, with_stills, LOT if with_prior else None)
+    return Data(request.param, LOT if request.param == "known angles" else None)
 
 
 @pytest.fixture(scope="module")
 def noise_alone(data):
-    """By refits with every end and every still moved; a prior pulls, but its own error is not in it."""
+    """By refits with every end moved; a prior pulls, but its own error is not in it."""
     angles = data.batch.angles
     ends = data.answer("ends", (TURNS, 3)).reshape(12, TURNS, 3)[..., :angles].reshape(12, -1)
-    covariance = ends @ data.floor.dense() @ ends.T
-    if data.stills is not None:
-        stills = data.answer("stills", (STILLS, 3)) * data.stills.sigma.ravel()
-        covariance = covariance + stills @ stills.T
-    return covariance
+    return ends @ data.floor.dense() @ ends.T
 
 
 def same(found, expected, within=0.01):
@@ -326,7 +311,7 @@ def same(found, expected, within=0.01):
     assert_allclose(found / np.outer(sigma, sigma), expected / np.outer(sigma, sigma), rtol=0, atol=within)
 
 
-def test_shared_stills_and_the_noise_of_rates_are_those_of_refits(data, noise_alone):
+def test_the_noise_of_shared_stills_is_that_of_refits(data, noise_alone):
     same(data.covariance(), noise_alone)
 
 
@@ -346,34 +331,15 @@ def test_an_unknown_heading_adds_what_refits_with_any_horizontal_rate_answer(dat
 
 
 def test_a_wandering_bias_adds_what_refits_with_other_biases_answer(data, noise_alone):
-    """In turns and stills together: one that lasts from a turn to a still is common to both."""
     answers = data.answer("bias", (TURNS, 3))
-    covariance = np.kron(WANDER.covariance(), np.eye(3))
-    if data.stills is not None:
-        answers = np.concatenate([answers, data.answer("still_bias", (STILLS, 3))], axis=1)
-        covariance = np.kron(WANDER.covariance(STILL_S), np.eye(3))
-    added = answers @ covariance @ answers.T
+    added = answers @ np.kron(WANDER.covariance, np.eye(3)) @ answers.T
     same(data.covariance(wander=WANDER), noise_alone + added)
     assert (np.diag(added) / np.diag(noise_alone)).max() > 0.5
 
 
-def test_stills_without_a_moment_or_an_attitude_add_their_noise_alone():
-    """What the turns answer is weighed anew: H M H is their own, and (H + A) is the information with the stills'."""
-    data, turns = Data("tilt", True), Data("tilt", False)
-    told = {"source": "estimated", "wander": WANDER}
-    before = data.covariance(**told)
-    data.stills = replace(data.stills, middle_s=None, q_tb=None)
-    of_turns = np.linalg.inv(fit_least_squares(data.batch, data.floor.sigma, TRUE, begin=TRUE).covariance)
-    rows = data.stills.columns()
-    of_stills, inverse = rows.T @ rows, np.linalg.inv(of_turns + rows.T @ rows)
-    expected = inverse @ (of_turns @ turns.covariance(**told) @ of_turns + of_stills) @ inverse
-    same(data.covariance(**told), expected)
-    assert np.abs(np.diag(before) / np.diag(expected) - 1).max() > 0.03
-
-
 def test_turns_that_say_little_are_weighed_against_the_prior():
     """Sigmas so large that the prior, which has no error of its own here, binds half of the numbers."""
-    data = Data("tilt", False)
+    data = Data("tilt")
     data.floor = floor = data.floor.scaled(np.full(TURNS, 300.0))
     J = numeric_jacobian(lambda x: angles_by_scipy(data.batch, x).ravel(), TRUE.vector)
     weight = 1 / floor.sigma.ravel() ** 2
@@ -390,7 +356,7 @@ def test_the_covariance_from_columns_is_that_of_the_stacked_system():
     given = {"more_prior": np.array([3e-5, 7e-5]), "information": other.T @ other}
     weight = 1 / floor.sigma.ravel()
     bias = design[..., BIAS].reshape(2 * TURNS, 3)
-    noise = floor.dense() + (bias @ bias.T) * np.kron(WANDER.covariance(), np.ones((2, 2)))
+    noise = floor.dense() + (bias @ bias.T) * np.kron(WANDER.covariance, np.ones((2, 2)))
     answer = np.linalg.pinv(np.concatenate([design.reshape(2 * TURNS, count) * weight[:, None], prior_rows, other]))
     expected = answer @ block_diag(noise * np.outer(weight, weight), np.eye(len(prior_rows) + len(other))) @ answer.T
     same(covariance_from_columns(design, floor, WANDER, **given), expected, within=1e-6)
@@ -403,7 +369,7 @@ def test_chi_square_is_what_twelve_free_numbers_leave_of_the_angles(kind):
     batch = turned_ends(batch, 3e-4 * np.random.default_rng(0).normal(size=(TURNS, 3)))
     floor, wander = some_floor(batch.angles), WANDER if kind == "a bias that wanders" else None
     J = numeric_jacobian(lambda at: angles_by_scipy(batch, at).ravel(), TRUE.vector)
-    C = floor.dense() + (0 if wander is None else (J[:, BIAS] @ J[:, BIAS].T) * np.kron(wander.covariance(), np.ones((2, 2))))
+    C = floor.dense() + (0 if wander is None else (J[:, BIAS] @ J[:, BIAS].T) * np.kron(wander.covariance, np.ones((2, 2))))
     known = batch.known.ravel()
     r, root = angles_by_scipy(batch, TRUE.vector).ravel()[known], np.linalg.cholesky(C[np.ix_(known, known)])
     _, (left,), *_ = np.linalg.lstsq(np.linalg.solve(root, J[known] * PRIOR_SIGMA), np.linalg.solve(root, r), rcond=None)

@@ -57,9 +57,9 @@ from tinygc.noise.whitening import ACCEL_INSTABILITY_MPS2, PRECALIBRATION_MPS2, 
 
 #: rad/s: the mean of the Earth's horizontal rate over the headings that the stills leave possible
 MEAN_RPS = (2e-5, 3e-5)
-PLAIN = {"kind": "tilt", "rates": False, "stills": False, "prior": False}
+PLAIN = {"kind": "tilt", "stills": False, "prior": False}
 CASES = {
-    "with rates": PLAIN | {"kind": "known", "rates": True, "prior": True},
+    "known angles": PLAIN | {"kind": "known", "prior": True},
     "bias of the stills": PLAIN | {"stills": True},
 }
 
@@ -67,12 +67,12 @@ CASES = {
 class Estimate:
     """The twelve numbers as a function of every error: one Gauss-Newton step with numeric derivatives from the true ones.
 
-    The fit minimises the weighted closure, with the stills' rates as data (``rates``) or as the turns' bias (``stills``), and what is known
+    The fit minimises the weighted closure, with the stills' rates as the turns' bias (``stills``), and what is known
     beforehand.
     """
 
-    def __init__(self, kind, rates, stills, prior, **more):
-        self.plain, self.rates, self.stills = small_session(kind=kind, **more), rates, stills
+    def __init__(self, kind, stills, prior, **more):
+        self.plain, self.stills = small_session(kind=kind, **more), stills
         covariance = np.diag(PRIOR_SIGMA**2)
         if prior:
             root = np.diag(0.01 * PRIOR_SIGMA) @ (np.eye(12) + 0.2 * np.random.default_rng(1).normal(size=(12, 12)))
@@ -99,12 +99,8 @@ class Estimate:
     def residuals(self, at, y=None, earth=None):
         """In sigmas: of the numbers, errors y (n,) of the channels, and a further rate (3,) of the Earth in the table's axes."""
         problem = self.moved(y, earth)
-        vector, rates = self.whole(at, problem), problem.still_rates
-        angles = angles_by_scipy(problem.batch, vector).ravel() + (0 if y is None else y[: self.closure])
-        if not self.rates:
-            return angles * self.weight
-        left = (LinearModel.from_vector(vector)(rates.rate) - rates.earth) / rates.sigma
-        return np.append(angles * self.weight, left)
+        angles = angles_by_scipy(problem.batch, self.whole(at, problem)).ravel() + (0 if y is None else y[: self.closure])
+        return angles * self.weight
 
     def moved(self, y, earth):
         """The problem with wrong rates of its stills and a wrong Earth."""
@@ -190,13 +186,13 @@ def test_the_covariance_is_that_of_all_errors(case):
     by_hand = made(case)
     noise = loud(by_hand.problem)
     L, by_earth = by_hand.response, by_hand.by_earth
-    response = stated_response(by_hand.problem, by_hand.model, by_hand.rates)
+    response = stated_response(by_hand.problem, by_hand.model)
     for rows in (MATRIX, BIAS):
         assert_allclose(response[rows], L[rows], atol=5e-3 * np.abs(L[rows]).max())
     channels = noise.white + noise.noise.covariance
     accelerometer = L @ noise.accelerometer @ noise.accelerometer.T @ L.T
     expected = L @ channels @ L.T + accelerometer
-    given, shared = stated_covariance(under(by_hand.problem, "given"), by_hand.model, noise, by_hand.rates)
+    given, shared = stated_covariance(under(by_hand.problem, "given"), by_hand.model, noise)
     alike(given, expected)
     alike(shared, accelerometer)
     assert_allclose(noise.covariance, channels + noise.accelerometer @ noise.accelerometer.T)
@@ -205,7 +201,7 @@ def test_the_covariance_is_that_of_all_errors(case):
         left = (EARTH_RATE_RPS * np.cos(31.03 * DEG)) ** 2 - np.dot(mean, mean)
         across = by_earth[:, :2] @ np.array([-mean[1], mean[0]]) / np.hypot(*MEAN_RPS)
         part = np.outer(across, across) if source == "estimated" else by_earth[:, :2] @ by_earth[:, :2].T / 2
-        found, _ = stated_covariance(under(by_hand.problem, source, mean), by_hand.model, noise, by_hand.rates)
+        found, _ = stated_covariance(under(by_hand.problem, source, mean), by_hand.model, noise)
         alike(found - given + np.eye(12) * 1e-20, part * left * (source != "none") + np.eye(12) * 1e-20, 0.06)
 
 
@@ -218,7 +214,7 @@ def test_a_wrong_centre_of_the_prior_moves_the_numbers_by_its_share(case):
     expected[: len(own), : len(own)] = own
     if by_hand.stills:
         expected[BIAS, MATRIX] = -np.kron(np.eye(3), by_hand.problem.rest_rps) @ own
-    found = prior_share(by_hand.problem, by_hand.model, by_hand.rates)
+    found = prior_share(by_hand.problem, by_hand.model)
     assert_allclose(found, expected, atol=0.01 * np.abs(expected).max())
     assert_allclose(found * PRIOR_SIGMA / PRIOR_SIGMA[:, None], expected * PRIOR_SIGMA / PRIOR_SIGMA[:, None], atol=0.01)
 
@@ -371,16 +367,16 @@ def test_an_error_moves_the_accelerometer_and_through_it_the_gyroscope(case):
     by_row, L, D = by_values(joint), by_hand.response, joint_columns_of(joint, n - 9)
     nine = np.concatenate([by_row[:, :s], np.zeros((9, n - s - 9)), by_row[:, s:]], axis=1)
     twelve = L + L @ D @ nine
-    assert_allclose(stated_response(problem, by_hand.model, by_hand.rates), twelve, atol=0.01 * np.abs(twelve).max())
+    assert_allclose(stated_response(problem, by_hand.model), twelve, atol=0.01 * np.abs(twelve).max())
     both = np.concatenate([nine, twelve])
     before = np.concatenate([joint.beforehand, L @ D @ joint.beforehand])
     C = noise.white + noise.noise.covariance
     whole, shared = both @ C @ both.T + before @ before.T, before @ before.T
-    found = stated_joint_covariance(problem, by_hand.model, noise, by_hand.rates)
+    found = stated_joint_covariance(problem, by_hand.model, noise)
     alike(found, whole, 0.02)
-    sources = stated_sources(problem, by_hand.model, noise, by_hand.rates)
+    sources = stated_sources(problem, by_hand.model, noise)
     alike(shared_part(problem, sources) + whole, shared + whole, 0.02)
-    gyroscope, of_accelerometer = stated_covariance(problem, by_hand.model, noise, by_hand.rates)
+    gyroscope, of_accelerometer = stated_covariance(problem, by_hand.model, noise)
     assert_array_equal(gyroscope, found[9:, 9:])
     alike(of_accelerometer + whole[9:, 9:], shared[9:, 9:] + whole[9:, 9:], 0.02)
     assert np.max(np.diag(shared) / np.diag(whole)) > 0.1
@@ -482,7 +478,7 @@ def stated_with(monkeypatch, problem, noise, widened=1.0, lot=None):
     monkeypatch.setattr(stating, "require_plausible", lambda *given: None)
     monkeypatch.setattr(stating, "stated_goodness", lambda *given: (found, widened))
     monkeypatch.setattr(stating, "goodness", lambda *given: found)
-    return stated_uncertainty(problem, problem, problem.first, noise, PLAIN, lot)
+    return stated_uncertainty(problem, problem, problem.first, noise, lot)
 
 
 @pytest.mark.parametrize("estimated", [True, False])

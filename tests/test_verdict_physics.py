@@ -295,11 +295,11 @@ def test_it_is_the_second_moment_of_the_joint_normal_distribution():
     )
     with (
         patch.object(systematic, "candidates", lambda twin: [a, *variants]),
-        patch.object(systematic, "stated_response", lambda problem, model, still_rates: response),
+        patch.object(systematic, "stated_response", lambda problem, model: response),
     ):
-        found = systematic_of(None, None, noise, 1.7, False)
+        found = systematic_of(None, None, noise, 1.7)
         with patch.object(systematic, "MOST_WEIGHED", 0):
-            by_columns = systematic_of(None, None, noise, 1.7, False)
+            by_columns = systematic_of(None, None, noise, 1.7)
     J = twin.calibration * np.where(np.arange(15) // 2 == 6, 0.0, PRIORS)
 
     def moments(each):
@@ -319,10 +319,10 @@ def test_it_is_the_second_moment_of_the_joint_normal_distribution():
     for least in (0.999, 1.001):  # of the zero alone: no number of E is moved by more of its sigmas
         with (
             patch.object(systematic, "candidates", lambda twin: [a, *variants]),
-            patch.object(systematic, "stated_response", lambda problem, model, still_rates: response),
+            patch.object(systematic, "stated_response", lambda problem, model: response),
             patch.object(systematic, "HARMLESS", least * (moved / sigma).max()),
         ):
-            assert systematic_of(None, None, noise, 1.7, False).of_zero == ({"test.a"} if least > 1 else set())
+            assert systematic_of(None, None, noise, 1.7).of_zero == ({"test.a"} if least > 1 else set())
     # By linear columns what each promises; with the noise estimated again half of the gain, whatever was promised, less the logarithms of
     # ten scales and of three shapes, and a half for each number.
     factor = np.linalg.cholesky(1.7 * covariance)

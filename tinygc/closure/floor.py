@@ -81,14 +81,9 @@ class BiasWander:
     middle_s: np.ndarray
     instability_rps: float
 
-    def covariance(self, *more_s: np.ndarray) -> np.ndarray:
-        """(N, N) (rad/s)^2 covariance of one axis' bias at the middles of the segments, then at the further moments (Q,) s."""
-        if not more_s:
-            return self._of_segments
-        return wander_covariance(np.concatenate([self.middle_s, *more_s]), instability_rps=self.instability_rps)
-
     @cached_property
-    def _of_segments(self) -> np.ndarray:
+    def covariance(self) -> np.ndarray:
+        """(S, S) (rad/s)^2 covariance of one axis' bias at the middles of the segments."""
         return wander_covariance(self.middle_s, instability_rps=self.instability_rps)
 
 

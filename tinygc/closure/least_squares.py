@@ -95,8 +95,6 @@ class PriorUse(Protocol):
 
 
 # The mean rates of the stills as data: a body at rest turns with the Earth, so E m + B = R_bt w_earth.
-#
-# Optional (``still_rates``): the method itself uses the endpoint loss alone, but the stills observe the bias best.
 
 
 @dataclass(frozen=True, eq=False)

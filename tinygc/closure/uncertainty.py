@@ -6,13 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from session.base import rotation
 from session.base.rotation import sample_weights
 from session.base.units import EARTH_RATE_RPS
 from tinygc.closure import residual
 from tinygc.closure.earth import EarthRate
-from tinygc.closure.floor import GYRO_NOISE, BiasWander, Floor
-from tinygc.closure.least_squares import GaussianPrior, StillRates
+from tinygc.closure.floor import BiasWander, Floor
+from tinygc.closure.least_squares import GaussianPrior
 from tinygc.inference.choose import MISMATCH_P, chi_square_above
 from tinygc.inference.solve import solve, solve_lower
 from tinygc.models import linear
@@ -52,7 +51,7 @@ def goodness(batch: residual.Batch, floor: Floor, model: LinearModel, wander: Bi
     covariance = floor.dense()
     if wander is not None:
         bias, owner = design[:, linear.BIAS], np.repeat(np.arange(len(batch)), batch.angles)
-        covariance = covariance + (bias @ bias.T) * wander.covariance()[np.ix_(owner, owner)]
+        covariance = covariance + (bias @ bias.T) * wander.covariance[np.ix_(owner, owner)]
     known = batch.known.ravel()
     return closure_goodness(angles[known], design[known], covariance[np.ix_(known, known)])
 
@@ -76,7 +75,6 @@ def covariance_parts(
     floor: Floor,
     model: LinearModel,
     earth: EarthRate,
-    still_rates: StillRates | None = None,
     wander: BiasWander | None = None,
     prior: GaussianPrior | None = None,
 ) -> dict[str, np.ndarray]:
@@ -92,25 +90,14 @@ def covariance_parts(
     design = linear.columns(sensitivity, batch.rate)[:, : batch.angles]
     weighed, hessian, meat, drift = _seen(design, floor)
     hessian += np.diag(1 / PRIOR_SIGMA**2) if prior is None else prior.information
-    if still_rates is not None:
-        rows = still_rates.columns()
-        hessian += rows.T @ rows
-        meat[GYRO_NOISE] = meat[GYRO_NOISE] + rows.T @ rows
-        still_pull = rows.reshape(-1, 3, rows.shape[1]).transpose(0, 2, 1) / still_rates.sigma[:, None]
     for sideways in _unseen_rates(earth):
         # The horizontal Earth rate that an uncertain heading leaves out: one more column for each direction, one sigma long.
         body = np.einsum("stji,j->sti", _turn(sensitivity, batch), sideways)
         column = np.einsum("stij,stj->si", sensitivity, body)[:, : batch.angles]
         pull = np.einsum("sdp,sd->p", weighed, column)
-        if still_rates is not None and still_rates.q_tb is not None:
-            turned = np.einsum("qji,j->qi", rotation.matrix(still_rates.q_tb), sideways)
-            pull = pull + np.einsum("qpi,qi->p", still_pull, turned)
         meat[EARTH] = meat.get(EARTH, 0.0) + np.outer(pull, pull)
     if wander is not None:
-        more_s: tuple[np.ndarray, ...] = ()
-        if still_rates is not None and still_rates.middle_s is not None:
-            drift, more_s = np.concatenate([drift, still_pull]), (still_rates.middle_s,)
-        meat[BIAS_DRIFT] = _drifting(drift, wander.covariance(*more_s))
+        meat[BIAS_DRIFT] = _drifting(drift, wander.covariance)
     inverse = np.linalg.inv(hessian)
     return {cause: inverse @ part @ inverse for cause, part in meat.items()}
 
@@ -142,7 +129,7 @@ def covariance_from_columns(
     known = prior if information is None else prior + information
     inverse = np.linalg.inv(hessian + known)
     # The prior's term in the middle keeps its uncertainty for parameters that no segment observes.
-    return inverse @ (sum(parts.values()) + _drifting(drift, wander.covariance()) + known) @ inverse
+    return inverse @ (sum(parts.values()) + _drifting(drift, wander.covariance) + known) @ inverse
 
 
 def _seen(design: np.ndarray, floor: Floor) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray], np.ndarray]:

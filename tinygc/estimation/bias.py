@@ -137,8 +137,6 @@ def less_by_chance(usual: np.ndarray, other: np.ndarray) -> float:
 def _why_not(problem: Problem, options: FitOptions) -> str:
     if problem.session.reference is not None or not len(problem.still_rates.rate):
         return "the turns of this session do not lie between stills; leave it out"
-    if options.still_rates:
-        return "the stills are data already with still_rates; leave one of them out"
     if options.bias_per_log:
         return "with bias_per_log each log has a bias of its own from its ends; leave one of them out"
     return ""

@@ -11,7 +11,7 @@ from functools import partial
 import numpy as np
 
 from session.base.progress import Steps, no_report
-from tinygc.closure.least_squares import GaussianPrior, StillRates, naming_segments
+from tinygc.closure.least_squares import GaussianPrior, naming_segments
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import Batch, closure_angles
 from tinygc.estimation.options import METHODS, FitOptions, MethodFit
@@ -47,7 +47,7 @@ def run_method(
 class FitInput:
     """Input of one fit: some of the segments, or all.
 
-    batch of S segments; sigma (S, d) rad; start: the model that removes the first still's bias; still_rates where they are data; whole:
+    batch of S segments; sigma (S, d) rad; start: the model that removes the first still's bias; whole:
     the model fitted to all segments, for a fold; among (S all,) bool: the segments of a fold; same: whether their references are
     those of the fit to all; rest_rps: the bias (3,) rad/s from the stills, where it is not fitted;
     prior: of the problem.
@@ -57,7 +57,6 @@ class FitInput:
     sigma: np.ndarray
     options: FitOptions
     start: LinearModel
-    still_rates: StillRates | None
     progress: Steps
     whole: Model | None = None
     among: np.ndarray | None = None
@@ -79,7 +78,6 @@ def _input(problem: Problem, options: FitOptions, progress: Steps) -> FitInput:
         options=options,
         # A session with a further reference may never rest: then the bias that closes it replaces the first still's.
         start=bias_only(problem.still_rates.rate[0] if len(problem.still_rates.rate) else -problem.first.B),
-        still_rates=problem.still_rates if options.still_rates else None,
         progress=progress,
         rest_rps=problem.rest_rps,
         prior=problem.prior,

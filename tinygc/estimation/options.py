@@ -184,7 +184,6 @@ class FitOptions(AtRest, Clock, Exclude):
     )
     folds: int = option(5, "folds of the held-out closure", least=2, cli=False)
     seed: int = option(0, "seed of the swarm", least=0, cli=False)
-    still_rates: bool = option(False, "use the mean rate in each still as data, too", cli=False)
     physics: tuple[str, ...] | None = option(
         None, "fit what explain names as well (auto), or effects by id, with commas", metavar="auto|IDS", of_methods=False
     )

@@ -21,7 +21,6 @@ from tinygc.closure.floor import ACCEL_NOISE, GYRO_NOISE, allan_freedom
 from tinygc.closure.least_squares import PriorUse
 from tinygc.closure.problem import GYROSCOPE, JointFit, Problem
 from tinygc.closure.uncertainty import BIAS_DRIFT, EARTH, GoodnessOfFit, closure_goodness, covariance_parts, goodness
-from tinygc.estimation.options import FitOptions
 from tinygc.inference.solve import Kind, Source, freedom_of, solve_lower, total
 from tinygc.models import linear
 from tinygc.models.linear import BIAS, MATRIX, PARAMETERS, PRIOR_SIGMA, LinearModel
@@ -237,31 +236,31 @@ def from_own_stills(problem: Problem) -> bool:
 # L C L', whatever C is (the sandwich of ``closure/uncertainty.py`` with a dense filling).
 
 
-def stated_covariance(problem: Problem, model: LinearModel, noise: StatedNoise, still_rates: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Return the covariance (12, 12) of the linear model's vector, fitted to this problem's batch, with or without the stills' rates as
-    data; and its part from the accelerometer's pre-calibration, which sessions with the same one share."""
-    sources = stated_sources(problem, model, noise, still_rates)
+def stated_covariance(problem: Problem, model: LinearModel, noise: StatedNoise) -> tuple[np.ndarray, np.ndarray]:
+    """Return the covariance (12, 12) of the linear model's vector, fitted to this problem's batch; and its part from the accelerometer's
+    pre-calibration, which sessions with the same one share."""
+    sources = stated_sources(problem, model, noise)
     if problem.joint is not None:
         sources = [source.of(GYROSCOPE) for source in sources]
     return total(sources), shared_part(problem, sources)
 
 
-def stated_joint_covariance(problem: Problem, model: LinearModel, noise: StatedNoise, still_rates: bool) -> np.ndarray:
+def stated_joint_covariance(problem: Problem, model: LinearModel, noise: StatedNoise) -> np.ndarray:
     """Return the covariance (21, 21) of the accelerometer's nine parameters and the gyroscope's twelve, estimated jointly.
 
     An error of a channel changes both; the accelerometer's change also alters the references that the gyroscope is fitted to.
     """
-    return total(stated_sources(problem, model, noise, still_rates))
+    return total(stated_sources(problem, model, noise))
 
 
-def stated_sources(problem: Problem, model: LinearModel, noise: StatedNoise, still_rates: bool) -> list[Source]:
+def stated_sources(problem: Problem, model: LinearModel, noise: StatedNoise) -> list[Source]:
     """Return the sources (12, 12) of the linear model's vector, or (21, 21) of both sensors where they were estimated jointly: L C L' of
     each source of the channels, and what was known beforehand."""
     joint = problem.joint
     if joint is None:
-        rows = _response(problem, model, still_rates)
+        rows = _response(problem, model)
         return [source.through(rows) for source in channel_sources(problem, noise)]
-    rows, beforehand = _joint_parts(problem, model, still_rates)
+    rows, beforehand = _joint_parts(problem, model)
     known = {CALIBRATION: beforehand[:, :-1], GRAVITY_LENGTH: beforehand[:, -1:]}
     found = [source.through(rows) for source in channel_sources(problem, noise)]
     return found + [Source(name, "B", np.inf, columns @ columns.T) for name, columns in known.items()]
@@ -284,11 +283,11 @@ def shared_part(problem: Problem, sources: Iterable[Source]) -> np.ndarray:
     return total(shared) * (problem.joint is None or problem.joint.mode == "prior")
 
 
-def _joint_parts(problem: Problem, model: LinearModel, still_rates: bool) -> tuple[np.ndarray, np.ndarray]:
+def _joint_parts(problem: Problem, model: LinearModel) -> tuple[np.ndarray, np.ndarray]:
     """Return the responses (21, n) and (21, k) of the parameters to an error of each channel, and to one sigma of each prior."""
     joint = problem.joint
     assert joint is not None
-    gyroscope = _response(problem, model, still_rates)
+    gyroscope = _response(problem, model)
     columns, accelerometer = joint_columns(problem, joint), joint_response(problem, joint)
     through = gyroscope @ columns
     nine = slice(0, ACCELEROMETER_PARAMETERS)  # a drift is no parameter of the sensor, but its error is in those that are
@@ -296,12 +295,12 @@ def _joint_parts(problem: Problem, model: LinearModel, still_rates: bool) -> tup
     return rows, np.concatenate([joint.beforehand[nine], through @ joint.beforehand])
 
 
-def stated_response(problem: Problem, model: LinearModel, still_rates: bool) -> np.ndarray:
+def stated_response(problem: Problem, model: LinearModel) -> np.ndarray:
     """Return the response (12, n) of the gyroscope's parameters to errors of the stacked channels, also through a jointly estimated
     accelerometer."""
     if problem.joint is None:
-        return _response(problem, model, still_rates)
-    return _joint_parts(problem, model, still_rates)[0][GYROSCOPE]
+        return _response(problem, model)
+    return _joint_parts(problem, model)[0][GYROSCOPE]
 
 
 def stated_goodness(problem: Problem, model: LinearModel, noise: StatedNoise) -> tuple[GoodnessOfFit, float]:
@@ -323,24 +322,21 @@ def stated_goodness(problem: Problem, model: LinearModel, noise: StatedNoise) ->
     return named, whole.excess
 
 
-def _response(problem: Problem, model: LinearModel, still_rates: bool) -> np.ndarray:
+def _response(problem: Problem, model: LinearModel) -> np.ndarray:
     """Return L (12, n) 1, rad/s: the response of the parameters to errors of the stacked channels."""
     count, q = len(problem.batch) * problem.batch.angles, len(problem.still_rates.rate)
-    stills = slice(count, count + 3 * q)
-    sensitivity, weighed, hessian, _ = _normal(problem, model, still_rates)
+    sensitivity, weighed, hessian, _ = _normal(problem, model)
     pull = weighed @ _carry(problem, sensitivity)
-    if still_rates:
-        pull[:, stills] += (problem.still_rates.columns() / problem.still_rates.sigma.ravel()[:, None]).T
     found = -np.linalg.solve(hessian, pull)
     if problem.rest_rps is None:
         return found
     # B = mean over the stills of (earth - E m): it has the error of the stills, and that of E on the mean rate.
     found = np.concatenate([found, _bias_of(found, problem.rest_rps)])
-    found[BIAS, stills] -= np.tile(np.eye(3), q) / q
+    found[BIAS, count : count + 3 * q] -= np.tile(np.eye(3), q) / q
     return found
 
 
-def _normal(problem: Problem, model: LinearModel, still_rates: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def _normal(problem: Problem, model: LinearModel) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return the closure's sensitivity (S, T, d, 3), and the normal equations of least squares: weighed columns (p, S d), information
     (p, p), and the prior's part of it; p 12, or 9 of E alone where the bias is from the stills."""
     batch, rest, own = problem.batch, problem.rest_rps, slice(0, PARAMETERS)
@@ -354,18 +350,15 @@ def _normal(problem: Problem, model: LinearModel, still_rates: bool) -> tuple[np
     if problem.prior is not None:
         prior = np.linalg.inv((problem.prior.covariance / problem.prior.weight)[own, own])
     hessian = design.T @ weighed + prior
-    if still_rates:
-        rows = problem.still_rates.columns()
-        hessian += rows.T @ rows
     return sensitivity, weighed.T, hessian, prior
 
 
-def prior_share(problem: Problem, model: LinearModel, still_rates: bool) -> np.ndarray:
+def prior_share(problem: Problem, model: LinearModel) -> np.ndarray:
     """Return K (12, 12): the response of the parameters to an error of the prior's centre.
 
     theta - truth = L y + K (centre - truth): a prior with covariance P adds K P K' to the covariance from noise.
     """
-    _, _, hessian, prior = _normal(problem, model, still_rates)
+    _, _, hessian, prior = _normal(problem, model)
     share = np.linalg.solve(hessian, prior)
     if problem.rest_rps is None:
         return share
@@ -450,20 +443,20 @@ MISFIT, ROUNDING, CLOCK = "misfit beyond the noise", "rounding of the registers"
 
 
 def stated_uncertainty(
-    problem: Problem, level: Problem, model: LinearModel, noise: StatedNoise | None, options: FitOptions, prior: PriorUse | None = None
+    problem: Problem, level: Problem, model: LinearModel, noise: StatedNoise | None, prior: PriorUse | None = None
 ) -> dict[str, Any]:
     """Assemble the uncertainty of a model fitted to ``level``, the problem with the selected bias, as the fields of ``FitResult`` state it.
 
     Raises FitError for a calibration that no gyroscope has (``require_plausible``).
     """
     if noise is None:
-        found, rates = goodness(level.batch, level.floor, model, level.wander), level.still_rates if options.still_rates else None
+        found = goodness(level.batch, level.floor, model, level.wander)
         widened = found.excess
-        parts = covariance_parts(level.batch, level.floor, model, level.earth, rates, level.wander, level.prior)
+        parts = covariance_parts(level.batch, level.floor, model, level.earth, level.wander, level.prior)
         sources = [Source(cause, *kind_of(cause, level), part) for cause, part in parts.items()]
     else:
         found, widened = stated_goodness(level, model, noise)
-        sources = stated_sources(level, model, noise, options.still_rates)
+        sources = stated_sources(level, model, noise)
     if widened > 1:
         freedom = max(1.0, found.freedom * ((widened - 1) / widened) ** 2)
         sources = [*sources, Source(MISFIT, "A", freedom, (widened - 1) * total(sources))]

@@ -103,7 +103,7 @@ class Systematic:
         return self.likeliest if self.log_odds_of_any > SUSPECTED else []
 
 
-def systematic_of(problem: Problem, model: LinearModel, noise: StatedNoise, widened: float, still_rates: bool) -> Systematic:
+def systematic_of(problem: Problem, model: LinearModel, noise: StatedNoise, widened: float) -> Systematic:
     """Move the parameters by each effect of the catalogue; problem and model as fitted, widened: variance inflation of the fit."""
     twin = noise.twin
     start = twin.start()
@@ -117,7 +117,7 @@ def systematic_of(problem: Problem, model: LinearModel, noise: StatedNoise, wide
     stacked = np.concatenate(columns, axis=1)
     rows = np.column_stack([stacked, twin.residuals(start, rates).stacked()])
     white, left = _left_of(solve_lower(factor, linear), solve_lower(factor, rows))
-    response = stated_response(problem, model, still_rates)
+    response = stated_response(problem, model)
     moves, sigma = response @ stacked, sigmas_in(response @ (widened * noise.covariance) @ response.T)[MATRIX]
     found: dict[str, list[tuple[float, np.ndarray]]] = {}
     for effect, begin, end in zip(effects, edges[:-1], edges[1:], strict=True):

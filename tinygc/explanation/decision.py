@@ -195,7 +195,7 @@ def _with_linear(twin: Twin, whiten: Whitener, fit: Refit, left: FitClosure) -> 
     """
     if left.fit is None or left.problem is None or not isinstance(left.fit.model, LinearModel):
         return fit
-    L = stated_response(left.problem, left.fit.model, left.options.still_rates)
+    L = stated_response(left.problem, left.fit.model)
     columns = whiten.back(fit.J)
     if L.shape[1] != len(columns):  # nothing is named, and ``fit`` has left out turns
         return fit

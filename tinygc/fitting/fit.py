@@ -99,8 +99,6 @@ def fit_session(
     spread = spread_of(session.config, between=between, lot=None if given is None else given.spread)
     prepared = prepared or prepared_for(session, options, progress, None if given is None else given.prior)
     problem = prepared.problem
-    if options.still_rates and not len(problem.still_rates.rate):
-        raise SegmentError(f"{prepared.session.folder}: no still to take a rate from; fit without still_rates")
     runs, floor = read_closure_runs(problem), problem.floor
     if options.bias_per_log:
         problem, of_logs = with_level_bias(problem)
@@ -131,10 +129,8 @@ def fit_session(
     if given is None:
         progress("noise", 0, 1)
         noise = None if options.bias_per_log else stated_noise(problem)
-    stated = stated_uncertainty(problem, level, model, noise, options, use)
-    systematic = None if noise is None else systematic_of(level, model, noise, stated["widened"], options.still_rates)
-    turned = replace(options, still_rates=not options.still_rates)
-    other = partial(run_method, "least_squares", problem.changed(prior=level.prior), turned, before={"least_squares": linear})
+    stated = stated_uncertainty(problem, level, model, noise, use)
+    systematic = None if noise is None else systematic_of(level, model, noise, stated["widened"])
     return FitResult(
         problem=problem.changed(batch=level.batch, rest_rps=level.rest_rps, floor=floor),  # the weights over several days are not noise
         options=options,
@@ -147,7 +143,6 @@ def fit_session(
         spread=spread,
         noise=noise,
         bias_from=bias_from,
-        fit_other_choice=other,
         warnings=prepared.warnings,
         reused=reused,
         not_run=not_run,

@@ -97,7 +97,6 @@ def to_json(result: FitResult, limit_deg: float | None = None) -> dict:
                 }
                 for number, (run, errors) in enumerate(zip(result.runs, result.run_errors, strict=True))
             ],
-            "still_rates": {"used": result.options.still_rates, "other_choice_holdout": closure_figures(result.other_choice.held_out)},
             "options": {
                 "seed": result.options.seed,
                 "folds": min(result.options.folds, len(problem.used)),

@@ -54,9 +54,9 @@ class FitResult:
 
     methods by name; runs with errors_rad by file and method; covariance (12, 12) of least squares' parameters, already scaled by
     ``widened``, the variance inflation that no noise explains; accelerometer_covariance (12, 12): its part from the accelerometer's
-    pre-calibration; noise estimated from the recording, None where it is not; bias_from: source of the bias; fit_other_choice: fits least
-    squares with the opposite choice of still rates; against_raw: whether the fits are better than raw rates; warnings of the first
-    check; physics that was fitted as well, or None; reused: methods taken from saved files instead of being fitted;
+    pre-calibration; noise estimated from the recording, None where it is not; bias_from: source of the bias; against_raw: whether the fits
+    are better than raw rates; warnings of the first check; physics that was fitted as well, or None; reused: methods taken from saved files
+    instead of being fitted;
     joint_covariance (21, 21): of both sensors (``accelerometer.JOINT_NAMES``), inflated as well, where they were estimated jointly, and
     joint_sources that it is the sum of; joint_shared (21, 21): its part from a given calibration; prior: its use, None without one;
     not_run: why a requested method cannot run on this session, by name; allowed: how far one effect that the recording still
@@ -74,7 +74,6 @@ class FitResult:
     covariance: np.ndarray
     widened: float
     bias_from: BiasChoice
-    fit_other_choice: Callable[[], MethodFit]
     against_raw: AgainstRaw
     warnings: list[Finding]
     physics: PhysicsFit | None = None
@@ -110,11 +109,6 @@ class FitResult:
     def nominal_rate(self) -> NominalRate | None:
         """The data rate that stands for a clock: the scale common to all axes is no better known.  None where stamps are measured."""
         return self.session.nominal_rate
-
-    @cached_property
-    def other_choice(self) -> MethodFit:
-        """Least squares with the opposite choice of still rates; FitError where it does not settle."""
-        return self.fit_other_choice()
 
     @cached_property
     def use(self) -> ModelToUse:

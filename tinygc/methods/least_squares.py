@@ -31,8 +31,6 @@ class _LeastSquaresFits:
         self.rows: Rows | None = None
 
     def __call__(self, seen: FitInput) -> tuple[LinearModel, dict]:
-        rest = seen.rest_rps
-        rates = seen.still_rates if rest is None else None  # the readings already include the stills
         begin: LinearModel | Rows | None = self.near if seen.whole is None else cast(LinearModel, seen.whole)
         if self.rows is not None and seen.among is not None:
             if seen.same:
@@ -43,8 +41,7 @@ class _LeastSquaresFits:
             seen.batch,
             seen.sigma,
             seen.start,
-            still_rates=rates,
-            rest_rps=rest,
+            rest_rps=seen.rest_rps,
             begin=begin,
             prior=seen.prior,
             settled=FORESEEN if seen.whole is None else ENOUGH * float(seen.sigma.min()),

@@ -13,7 +13,7 @@ from session.base.errors import FitError
 from session.base.numeric import rms_of
 from session.base.progress import Steps, no_report
 from tinygc.closure import residual
-from tinygc.closure.least_squares import LinearEnds, Rows, StillRates, fit_least_squares, vague
+from tinygc.closure.least_squares import LinearEnds, Rows, fit_least_squares, vague
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import Batch
 from tinygc.estimation.held_out import FitInput, held_out
@@ -51,7 +51,6 @@ def train_second_order(
     batch: Batch,
     sigma: np.ndarray,
     *,
-    still_rates: StillRates | None = None,
     ties: tuple[float, ...] = TIES,
     begin: LinearModel | None = None,
     ends: Rows | None = None,
@@ -62,17 +61,17 @@ def train_second_order(
     begin: a linear model near the solution, where its search begins; ends: these segments' error angles under it, and their columns under
     the net that it is, where they are known.  Raises FitError where the residuals are not finite, or there is no linear solution.
     """
-    problem = _Problem(batch, sigma, still_rates)
+    problem = _Problem(batch, sigma)
     rungs = CalibrationNet.identity().rungs(problem.typical_rps, ties)
     progress(1, len(rungs))
     near: LinearModel | Rows | None = begin
     if begin is not None and ends is not None:
         near = Rows(begin.vector, ends.angles, ends.columns[..., -PARAMETERS:])
     identity = bias_only()
-    fit = fit_least_squares(batch, sigma, identity, still_rates=still_rates, begin=near, prior=vague(identity.vector))
+    fit = fit_least_squares(batch, sigma, identity, begin=near, prior=vague(identity.vector))
     vector = CalibrationNet.from_linear(fit.model).vector
-    J = problem.jacobian(vector, problem.sensitivity(vector)) if ends is None else problem.weighed(vector, ends.columns)
-    linear = _Linear(problem, vector, problem.rows(vector, fit.rows.angles), J)
+    J = problem.jacobian(vector, problem.sensitivity(vector)) if ends is None else problem.weighed(ends.columns)
+    linear = _Linear(problem, vector, problem.rows(fit.rows.angles), J)
     losses, tie = [float(np.mean(linear.r**2))], 0.0
     unbent = lowest = linear.left_out(rungs[0][1])
     best, r = (vector, linear.r, rungs[0][1]), linear.r
@@ -102,9 +101,8 @@ class _Problem:
         self,
         batch: Batch,
         sigma: np.ndarray,
-        still_rates: StillRates | None,
     ):
-        self.batch, self.still_rates = batch, still_rates
+        self.batch = batch
         self.parts = [batch.pick(some) for some in residual.parts(len(batch))]
         self.weight = 1 / sigma.reshape(len(batch), -1)
         self.typical_rps = rms_of(batch.rate[..., :3])
@@ -113,14 +111,11 @@ class _Problem:
     def residuals(self, vector: np.ndarray) -> np.ndarray:
         net = CalibrationNet.from_vector(vector)
         turn = np.concatenate([residual.turned(part, net(part.rate)) for part in self.parts])
-        return self.rows(vector, 2 * residual.batch_residual(self.batch, rotation.multiply(self.batch.start, turn), turn))
+        return self.rows(2 * residual.batch_residual(self.batch, rotation.multiply(self.batch.start, turn), turn))
 
-    def rows(self, vector: np.ndarray, angles: np.ndarray) -> np.ndarray:
+    def rows(self, angles: np.ndarray) -> np.ndarray:
         """Return rows (n,) in sigmas from error angles (S, d) rad."""
-        rows = [(angles * self.weight).ravel()]
-        if self.still_rates is not None:
-            rows.append(self.still_rates.residuals(CalibrationNet.from_vector(vector)))
-        r = np.concatenate(rows)
+        r = (angles * self.weight).ravel()
         if not np.isfinite(r).all():
             raise FitError("training left the finite numbers; are the rates in the log in the unit of its header?")
         return r
@@ -128,16 +123,11 @@ class _Problem:
     def jacobian(self, vector: np.ndarray, sensitivity: np.ndarray) -> np.ndarray:
         net = CalibrationNet.from_vector(vector)
         of_parts = [net.columns(sensitivity[some], self.batch.rate[some]) for some in residual.parts(len(self.batch))]
-        return self.weighed(vector, np.concatenate(of_parts))
+        return self.weighed(np.concatenate(of_parts))
 
-    def weighed(self, vector: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    def weighed(self, columns: np.ndarray) -> np.ndarray:
         """Return rows (n, P) in sigmas from columns (S, d, P) rad."""
-        net = CalibrationNet.from_vector(vector)
-        rows = [(columns * self.weight[..., None]).reshape(-1, len(vector))]
-        if self.still_rates is not None:
-            each = np.eye(3)[None, None] / self.still_rates.sigma[:, None, :, None]
-            rows.append(net.columns(each, self.still_rates.rate[:, None]).reshape(-1, len(vector)))
-        return np.concatenate(rows)
+        return (columns * self.weight[..., None]).reshape(-1, columns.shape[-1])
 
     def sensitivity(self, vector: np.ndarray) -> np.ndarray:
         net, (segments, samples), d = CalibrationNet.from_vector(vector), self.batch.rate.shape[:2], self.batch.angles
@@ -234,5 +224,5 @@ class _Begins:
 
 
 def _fit(begins: _Begins, seen: FitInput) -> tuple[CalibrationNet, dict]:
-    trained = train_second_order(seen.batch, seen.sigma, still_rates=seen.still_rates, progress=seen.progress, **begins.of(seen))
+    trained = train_second_order(seen.batch, seen.sigma, progress=seen.progress, **begins.of(seen))
     return trained.net, {"tie": trained.tie, "loss": list(trained.loss)}

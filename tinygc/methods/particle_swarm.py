@@ -11,7 +11,7 @@ import numpy as np
 from session.base.progress import Steps, no_report
 from session.base.units import DEG
 from tinygc.closure import residual
-from tinygc.closure.least_squares import Nearby, StillRates
+from tinygc.closure.least_squares import Nearby
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import Batch
 from tinygc.estimation.held_out import FitInput, held_out, report
@@ -72,7 +72,6 @@ def fit_pso(
     start: LinearModel,
     *,
     seed: int,
-    still_rates: StillRates | None = None,
     prior: LinearModel | None = None,
     progress: Steps = no_report,
 ) -> LinearModel:
@@ -80,7 +79,7 @@ def fit_pso(
 
     prior: model that weakly constrains unobserved parameters, as in least squares; None: no constraint.
     """
-    how: dict[str, Any] = {"seed": seed, "still_rates": still_rates, "prior": prior, "progress": progress}
+    how: dict[str, Any] = {"seed": seed, "prior": prior, "progress": progress}
     return search(Nearby.about(start, batch), start, sigma, 1.0, **how)[0]
 
 
@@ -91,7 +90,6 @@ def search(
     box: float,
     *,
     seed: int,
-    still_rates: StillRates | None = None,
     prior: LinearModel | None = None,
     progress: Steps = no_report,
 ) -> tuple[LinearModel, Nearby]:
@@ -105,8 +103,6 @@ def search(
 
     def cost(gathered: Callable[[np.ndarray], np.ndarray], vectors: np.ndarray) -> np.ndarray:
         total = gathered(vectors)
-        if still_rates is not None:
-            total = total + [np.sum(still_rates.residuals(LinearModel.from_vector(vector)) ** 2) for vector in vectors]
         if prior is not None:
             total = total + np.sum(((vectors - prior.vector) / PRIOR_SIGMA) ** 2, axis=1)
         return total
@@ -135,7 +131,7 @@ class _SwarmFits:
     def __call__(self, seen: FitInput) -> tuple[LinearModel, dict]:
         # There may be only a few turns of known angle; a swarm would drift along unobserved directions.
         prior = None if seen.batch.turns is None else seen.start
-        how: dict[str, Any] = {"seed": seen.options.seed, "still_rates": seen.still_rates, "prior": prior, "progress": seen.progress}
+        how: dict[str, Any] = {"seed": seen.options.seed, "prior": prior, "progress": seen.progress}
         if self.nearby is None or not isinstance(seen.whole, LinearModel) or seen.among is None:
             model, self.nearby = search(Nearby.about(seen.start, seen.batch), seen.start, seen.sigma, 1.0, **how)
             return model, {}

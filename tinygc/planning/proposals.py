@@ -133,14 +133,14 @@ def known_of(problem: Problem) -> Known:
     level = problem if joint is None else recalibrated(problem, joint)
     noise = None if joint is None else stated_noise(level)
     # Few turns leave directions to the prior, whose uncertainty is no noise.
-    share = prior_share(level, problem.first if joint is None else joint.model, still_rates=False)
+    share = prior_share(level, problem.first if joint is None else joint.model)
     left = (share * linear.PRIOR_SIGMA**2) @ share.T
     if joint is None or noise is None:
         parts = covariance_parts(problem.batch, problem.floor, problem.first, problem.earth, wander=problem.wander)
         return Known(sum(parts.values()) + left, float(np.median(problem.floor.sigma[problem.batch.known])))
     rows = len(problem.used) * problem.batch.angles
     sigma_mps2 = float(np.median(1 / joint.system.root[rows:]))
-    covariance = stated_joint_covariance(level, joint.model, noise, still_rates=False)
+    covariance = stated_joint_covariance(level, joint.model, noise)
     covariance[GYROSCOPE, GYROSCOPE] += left
     return Known(covariance, noise.tilt_rms / np.sqrt(2), sigma_mps2, joint.mode == "fit")
 

@@ -206,15 +206,6 @@ def remarks(result: FitResult) -> list[Text]:
         lines.append(Text(seen, "yellow"))
     _, strong = correlations(result.linear.linear.vector, result.covariance)
     lines += [Text(f"Correlated beyond ±{STRONG:g}: {'; '.join(strong)}")] if strong else []
-    now, other = (closure_figures(fit.held_out)["tilt_rms_deg"] for fit in (result.linear, result.other_choice))
-    words = ("without", "with") if result.options.still_rates else ("with", "without")
-    moved = np.abs(result.other_choice.linear.B - result.linear.linear.B) / np.sqrt(np.diag(result.covariance)[BIAS])
-    lines.append(
-        Text(
-            f"{words[0].capitalize()} still_rates: held out {other:.4f} instead of {now:.4f}; "
-            f"the bias moves by up to {moved.max():.1f} sigma."
-        )
-    )
     return lines
 
 

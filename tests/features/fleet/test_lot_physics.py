@@ -427,16 +427,16 @@ def problem(recorded):
 class Refits:
     """Fits of a problem with a prior, or none, and their answer K (12, 12) to the prior's centre; covariance by the session's noise."""
 
-    def __init__(self, problem, prior, still_rates=None, step=1e-7):
+    def __init__(self, problem, prior, step=1e-7):
         start = bias_only(problem.still_rates.rate[0])
 
         def fitted(prior):
-            return fit_least_squares(problem.batch, problem.floor.sigma, start, prior=prior, still_rates=still_rates).model
+            return fit_least_squares(problem.batch, problem.floor.sigma, start, prior=prior).model
 
         model = fitted(prior)
         self.fit = model.vector
         excess = goodness(problem.batch, problem.floor, model, problem.wander).excess
-        stated = sum(covariance_parts(problem.batch, problem.floor, model, problem.earth, still_rates, problem.wander, prior).values())
+        stated = sum(covariance_parts(problem.batch, problem.floor, model, problem.earth, problem.wander, prior).values())
         self.noise = excess * stated
         if prior is not None:
             moved = [fitted(replace(prior, centre=prior.centre + step * unit)).vector for unit in np.eye(PARAMETERS)]
@@ -479,12 +479,10 @@ def close(found, expected, sigma):
     assert_allclose(found / np.outer(sigma, sigma), expected / np.outer(sigma, sigma), rtol=0, atol=2e-3)
 
 
-@pytest.mark.parametrize("still_rates", [False, True])
-def test_a_unit_that_belongs_is_judged_and_fitted_with_the_prior_of_its_noise(problem, parts, monkeypatch, still_rates):
+def test_a_unit_that_belongs_is_judged_and_fitted_with_the_prior_of_its_noise(problem, parts, monkeypatch):
     """The prior is weighed as much as the floor is too small; what it leaves of its own uncertainty is K P K'."""
-    found = Judged(problem, monkeypatch, 0.9999, options=replace(OPTIONS, still_rates=still_rates))
-    prior = found.level.prior
-    refits = Refits(problem, prior, problem.still_rates) if still_rates else parts["lot"][1]
+    found = Judged(problem, monkeypatch, 0.9999)
+    prior, refits = found.level.prior, parts["lot"][1]
     assert prior.weight == goodness(problem.batch, problem.floor, problem.first, problem.wander).excess > 2
     assert_allclose(found.vector, refits.fit, rtol=0, atol=1e-9)
     K, sigma = refits.share, np.sqrt(np.diag(prior.covariance))
@@ -504,7 +502,7 @@ def test_the_noise_of_a_recording_takes_the_place_of_the_floor(recorded, problem
     _, wide = stated_goodness(problem, problem.first, noise)
     assert found.level.prior.weight == pytest.approx(max(1.0, wide * (noise.tilt_rms / problem.floor.tilt_rms) ** 2), rel=1e-9)
     model = found.fit.model
-    expected = stated_goodness(found.level, model, noise)[1] * stated_covariance(found.level, model, noise, False)[0]
+    expected = stated_goodness(found.level, model, noise)[1] * stated_covariance(found.level, model, noise)[0]
     assert_allclose(found.given[0][2], expected, rtol=1e-9)
     loud = problem.changed(floor=replace(problem.floor, own=1e4 * problem.floor.own, shared=1e4 * problem.floor.shared))
     assert Judged(loud, monkeypatch, 1.0, noise=noise).level.prior.weight == 1.0

@@ -288,7 +288,7 @@ def moved_by(fitted, size, **errors):
 def test_a_refit_moves_by_the_response_to_the_errors(fitted):
     """Errors of the channels, in every kind of row, through the actual fit: L y, to first order."""
     noise = fitted.noise
-    L = stated_response(fitted.problem, fitted.linear.model, fitted.options.still_rates)
+    L = stated_response(fitted.problem, fitted.linear.model)
     sigma, stop, lengths = np.sqrt(np.diag(fitted.covariance)), noise.closure.stop, -len(noise.twin.stills)
     size = np.sqrt(np.diag(noise.white))
     for part in (slice(0, stop), slice(stop, lengths), slice(lengths, None)):

@@ -228,8 +228,8 @@ class LotFile:
         start = bias_only(still[0] if len(still) else -problem.first.B).vector
         prior = prior_of(lot, start).weighed(_noise_factor(problem, noise))
         bias_from, level, linear = choose(problem.changed(prior=prior), options)
-        share = prior_share(level, linear.linear, options.still_rates)
-        inside = _noise_covariance(level, linear, noise, options)
+        share = prior_share(level, linear.linear)
+        inside = _noise_covariance(level, linear, noise)
         found = _belonging(prior, linear.linear.vector - prior.centre, inside, np.eye(PARAMETERS) - share)
         few = len(problem.batch) < FEWEST_SEGMENTS
         p, use = found[0], partial(LotUse, self.file, self.hash, lot.units, *found)
@@ -240,10 +240,10 @@ class LotFile:
         own_prior = vague(start).weighed(prior.weight) if few else None
         free = level.changed(prior=own_prior)
         alone = run_method("least_squares", free, options)
-        covariance = _noise_covariance(free, alone, noise, options)
+        covariance = _noise_covariance(free, alone, noise)
         more = np.zeros((PARAMETERS, PARAMETERS))
         if own_prior is not None:
-            free_share = prior_share(free, alone.linear, options.still_rates)
+            free_share = prior_share(free, alone.linear)
             more = free_share @ own_prior.covariance @ free_share.T
             covariance = covariance + more
         unseen = alone.notes.get("unobserved", ())
@@ -269,16 +269,15 @@ def lot_for(path: Path, sensor: str) -> LotFile:
     return LotFile(lot, file_key(path), sha256_of(path))
 
 
-def _noise_covariance(level: Problem, linear: MethodFit, noise: StatedNoise | None, options: FitOptions) -> np.ndarray:
+def _noise_covariance(level: Problem, linear: MethodFit, noise: StatedNoise | None) -> np.ndarray:
     """Return (12, 12) by the session's own noise, widened."""
     model = linear.linear
     if noise is None:
-        rates = level.still_rates if options.still_rates else None
         wide = goodness(level.batch, level.floor, model, level.wander).excess
-        parts = covariance_parts(level.batch, level.floor, model, level.earth, rates, level.wander, level.prior)
+        parts = covariance_parts(level.batch, level.floor, model, level.earth, level.wander, level.prior)
         return wide * np.sum([*parts.values()], axis=0)
     wide = stated_goodness(level, model, noise)[1]
-    return wide * stated_covariance(level, model, noise, options.still_rates)[0]
+    return wide * stated_covariance(level, model, noise)[0]
 
 
 def _noise_factor(problem: Problem, noise: StatedNoise | None) -> float:

@@ -284,7 +284,7 @@ def earth_left_out(result: FitResult) -> np.ndarray | None:
     problem = result.problem
     if problem.earth.source != "none" or result.noise is None:
         return None
-    rows = stated_response(problem, result.linear.linear, result.options.still_rates)
+    rows = stated_response(problem, result.linear.linear)
     columns = rows @ result.noise.twin.earth_columns().stacked()
     return columns @ unseen_covariance(problem.earth, problem.session.config.site.latitude_deg) @ columns.T
 

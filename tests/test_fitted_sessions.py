@@ -71,14 +71,12 @@ def another_day(tmp_path_factory):
 def test_a_stored_calibration_takes_the_bias_of_the_day(another_day, tmp_path, source, tilt_deg):
     folder, stored = another_day
     bias = {"bias_dps": (0.62, -0.35, 0.51)} if source == "given" else {}
-    tinygc.rebias(folder, stored, source, **bias).save(tmp_path)
-    table = json.loads((tmp_path / "rebiased.json").read_text())
-    tilt = {name: fit["holdout"]["tilt_rms_deg"] for name, fit in table["methods"].items()}
-    assert tilt["stored"] > 0.3  # 0.16 dps over 5 s
-    assert tilt[f"stored_{source}"] < tilt_deg
-    assert np.abs(np.array(table["bias"]["change_dps"][source]) - [-0.12, 0.05, 0.09]).max() < 0.02
-    assert "fitted to other logs (first)" in table["bias"]["remarks"][0]
-    assert len(table["bias"]["remarks"]) == 1  # a calibrated E: start and gravity agree
+    found = tinygc.rebias(folder, stored, source, **bias)
+    assert found.closure["stored"]["tilt_rms_deg"] > 0.3  # 0.16 dps over 5 s
+    assert found.closure[source]["tilt_rms_deg"] < tilt_deg
+    change = np.array([each.value for each in found.change.values()]) / DEG
+    assert np.abs(change - [-0.12, 0.05, 0.09]).max() < 0.02
+    assert found.remarks == []  # a calibrated E: start and gravity agree
 
 
 def test_a_fit_takes_the_figures_of_the_noise_beside_it(folder):

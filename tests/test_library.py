@@ -178,13 +178,10 @@ def test_compare_plan_and_accelerometer_give_the_commands_numbers(fits, of_array
 def test_rebias_takes_a_fit_as_it_takes_its_file(folders, fits, tmp_path):
     model = folders[0] / "fit" / "model_least_squares.json"
     made, of_file = tinygc.rebias(fits[1].source, fits[0], "start"), tinygc.rebias(folders[1], model, "start")
-    mine = json.loads(json.dumps(made.to_json()))
-    mine["bias"]["model"] = str(model)
-    same(mine, json.loads(json.dumps(of_file.to_json())))
     saved = (made.save(tmp_path / "mine") / "model_rebiased.json").read_bytes()
     assert saved == (of_file.save(tmp_path / "theirs") / "model_rebiased.json").read_bytes()
     change = [each.value for each in made.change.values()]
-    np.testing.assert_allclose(np.array(change) / DEG, mine["bias"]["change_dps"]["start"], rtol=1e-12)
+    assert change == [each.value for each in of_file.change.values()]
     rate = np.array([[0.1, -0.2, 0.3]])
     np.testing.assert_allclose((made.model(rate) - fits[0].model(rate))[0], change, rtol=1e-9)
     given = tinygc.rebias(fits[1].source, fits[0], "given", bias_dps=(0.5, -0.3, 0.6))

@@ -26,7 +26,6 @@ from tinygc.closure.joint import fit_joint
 from tinygc.closure.least_squares import GaussianPrior
 from tinygc.closure.uncertainty import BIAS_DRIFT, EARTH
 from tinygc.estimation import stated_noise as stating
-from tinygc.estimation.options import FitOptions
 from tinygc.estimation.stated_noise import (
     CALIBRATION,
     CLOCK,
@@ -401,9 +400,6 @@ def test_an_accelerometer_of_its_own_stills_errs_as_their_lengths_leave_it():
     lengths[:, 0] = 0.0
     none = _accelerometer_factor(lengths * 100, noise, own=True)
     assert none[0] @ none[0] == pytest.approx((10 * MG) ** 2)
-
-
-PLAIN = FitOptions(methods=("least_squares",))
 
 
 def test_the_sources_of_the_channels_are_its_noise():

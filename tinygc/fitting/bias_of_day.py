@@ -13,19 +13,12 @@ from session.base.numeric import runs_of, sigmas_in
 from session.base.rotation import steps
 from session.base.units import DEG, NS, STANDARD_GRAVITY_MPS2
 from session.detect.stills import BLOCK_S
-from session.log.folder import Session, hash_of_log
+from session.log.folder import Session
 from session.log.samples import Samples
 from tinygc.closure.problem import Problem
 from tinygc.closure.stills import StillSet
 from tinygc.estimation.spread import USUAL, ZERO
-from tinygc.fitting.unit_state import hashes_in
 from tinygc.models.model import Model
-
-# The bias of the day: from the first still, from gravity, over several days.
-
-#: files in a fit's folder: the stored model with its new bias, and its figures
-MODEL, FIGURES = "model_rebiased.json", "rebiased.json"
-
 
 # The bias of the day, from gravity over a whole run: slow, and robust to motion.
 #
@@ -200,29 +193,6 @@ def _whitened(velocity: np.ndarray, span: np.ndarray) -> np.ndarray:
     keep = np.exp(-span[1:] / VELOCITY_DECAY_S).reshape(-1, *[1] * (velocity.ndim - 1))
     innovations = (velocity[1:] - keep * velocity[:-1]) / np.sqrt(1 - keep**2)
     return np.concatenate([velocity[:1], innovations]) / VELOCITY_MPS
-
-
-# The origin of a stored model: if it was fitted to the session at hand, its closure there is not independent evidence.
-
-
-def origin_of(table: dict, session: Session) -> tuple[bool | None, str]:
-    """Whether a stored model, with what its file holds, was fitted to a log of this session, by the hashes of the logs; None where only the
-    names agree, or nothing is known.  And the same as text."""
-    logs = {hash_of_log(log) for log in session.logs}
-    stored = table["stored"] if isinstance(table.get("stored"), dict) else table
-    name = stored.get("session") if isinstance(stored.get("session"), str) else None
-    known = hashes_in(stored)
-    if logs & known:
-        return True, "the stored model was fitted to this very session: its closure is that of fitted segments"
-    if name == session.name:
-        return None, f"the stored model is of a session of the same name ({name}): if it is this one, its segments were fitted"
-    if stored is not table and logs & hashes_in(table):
-        return False, f"the stored model was fitted to other logs ({name}), and had its bias from this very session already"
-    if known:
-        return False, f"the stored model was fitted to other logs ({name or 'of a session without a name'})"
-    if name:
-        return False, f"the stored model is of another session by its name ({name})"
-    return None, "what the stored model was fitted to is not known: its file does not state it"
 
 
 # A stored calibration in a new session: E is kept, the bias is taken from the first still, from gravity, or from the user.

@@ -162,7 +162,7 @@ def known_turns_words(result: FitResult) -> str:
     return f"turns of known angle: segment{'s' * (len(used) != 1)} {each}{unused}"
 
 
-# ``fit.json`` and ``rebiased.json`` as ``export`` and ``compare`` read them; keys that are not used are not checked.
+# ``fit.json`` as ``export`` and ``compare`` read it; keys that are not used are not checked.
 
 #: dps and g per root Hz: a thousandth of any sensor's range
 _DENSITY = Array((3,), Number(0, 1e3))
@@ -196,22 +196,23 @@ FILE_SHAPE = Keys(
 )
 
 #: figures that the export of a model requires: its held-out closure, the number of turns, and the sensor's noise
-_EVALUATED: dict[str, Shape] = {
-    "session": Text(),
-    "segments": Keys({"used": Number(0, whole=True)}),
-    "noise": Keys({"gyro_dps_rthz": _DENSITY, "accel_g_rthz": _DENSITY}),
-    "methods": MapOf(Keys({"holdout": Keys({"tilt_rms_deg": _TILT_DEG})})),
-}
-#: ``rebiased.json`` includes the stored calibration as a method, and has no raw rates
-EVALUATED, REBIASED = Keys(_EVALUATED | {"against_raw": Keys({"tilt_rms_deg": _TILT_DEG})}), Keys(_EVALUATED)
+EVALUATED = Keys(
+    {
+        "session": Text(),
+        "segments": Keys({"used": Number(0, whole=True)}),
+        "noise": Keys({"gyro_dps_rthz": _DENSITY, "accel_g_rthz": _DENSITY}),
+        "methods": MapOf(Keys({"holdout": Keys({"tilt_rms_deg": _TILT_DEG})})),
+        "against_raw": Keys({"tilt_rms_deg": _TILT_DEG}),
+    }
+)
 
 
-def read_evaluated(path: Path, do: str, method: str, *, rebiased: bool = False) -> dict:
+def read_evaluated(path: Path, do: str, method: str) -> dict:
     """Read the figures of a fit that decide whether its model of that method may be exported.  A method that ``fit`` does not have, for
     another program's model, may be absent.  Raises FormatError as ``read_fit``."""
     fit = read_fit(path, do)
-    require(fit, REBIASED if rebiased else EVALUATED, str(path), do)
-    if not rebiased and method in METHODS and method not in fit["methods"]:
+    require(fit, EVALUATED, str(path), do)
+    if method in METHODS and method not in fit["methods"]:
         raise FormatError(f"{path}: methods.{method} is missing, expected how well that model closes held-out turns; {do}")
     return fit
 

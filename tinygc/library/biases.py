@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -10,62 +10,51 @@ from typing import Any
 
 import numpy as np
 
-from session import VERSION
 from session.base.errors import CalibrationError, SegmentError
 from session.base.files import result_folder
 from session.base.options import records
 from session.base.progress import Progress, no_report
-from session.base.records import plain, write_whole
-from session.base.units import DEG, G
+from session.base.records import write_whole
+from session.base.units import DEG
 from session.log.folder import Session, input_hashes
 from tinygc import models
 from tinygc.closure.prepared import prepare
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import closure_angles
-from tinygc.closure.runs import ClosureRun, read_closure_runs
 from tinygc.deploy.calibration import Calibration
-from tinygc.estimation.choice import ClosureFigures, closure_figures, run_figures
+from tinygc.estimation.choice import ClosureFigures, closure_figures
 from tinygc.estimation.options import Earth, Exclude
 from tinygc.estimation.spread import ZERO
 from tinygc.fitting.bias_of_day import (
     DISAGREE_SIGMAS,
-    FIGURES,
     LEAST_SIGMA_RPS,
-    MODEL,
     at_rest,
     false_stills,
     from_gravity,
     from_start,
-    origin_of,
 )
-from tinygc.fitting.fit_file import SCHEMA, segments_table
 from tinygc.fitting.unit_state import UnitState, read_state, spread_of
 from tinygc.library.applied import stored_model
 from tinygc.library.arguments import public
-from tinygc.library.records import Estimate, Named, Shown
+from tinygc.library.records import Estimate, Named
 from tinygc.library.sources import session_or_folder
 from tinygc.models.denoiser import DenoisedNet
 from tinygc.models.model import Model
-from tinygc.reporting.facts import Table, screen
-from tinygc.reporting.fit_text import degrees_text
-from tinygc.reporting.terminal import Group, one_line
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Rebias(Shown):
+class Rebias:
     """Result of ``tinygc.rebias``: a stored calibration, ``state``, in a new session.
 
-    problem and runs of that session; changes (3,) rad/s to the calibrated rate by source, with sigma (3,) or None; the requested source;
-    error angles (S, d) rad and run errors by "stored" and source.
+    problem of that session; changes (3,) rad/s to the calibrated rate by source, with sigma (3,) or None; the requested source; error
+    angles (S, d) rad by "stored" and source.
     """
 
     problem: Problem
-    runs: list[ClosureRun]
     state: UnitState
     changes: dict[str, tuple[np.ndarray, np.ndarray | None]]
     source: str
     angles: dict[str, np.ndarray]
-    run_errors: list[dict[str, np.ndarray]]
 
     def __repr__(self) -> str:
         moved = ", ".join(f"{estimate.value:+.3g}" for estimate in self.change.values())
@@ -97,11 +86,6 @@ class Rebias(Shown):
         return Named((name, closure_figures(angles)) for name, angles in self.angles.items())
 
     @property
-    def origin(self) -> tuple[bool | None, str]:
-        """Whether it was fitted to this very session, None where that is not known; and the same in words."""
-        return origin_of(self.state.table, self.problem.session)
-
-    @property
     def disagreement(self) -> float:
         """The largest difference over the axes, in sigmas, of the first still's bias and gravity's; 0 without both."""
         if not {"start", "gravity"} <= set(self.changes):
@@ -113,8 +97,8 @@ class Rebias(Shown):
 
     @property
     def remarks(self) -> list[str]:
-        """On the figures."""
-        notes = [f"{self.origin[1]}; start and gravity take the bias from this session itself, from its first still and its accelerometer"]
+        """What speaks against the figures."""
+        notes = []
         if false := false_stills(self.problem, self.state.model):
             stills = "the first still is" if len(false) == 1 else f"the first {len(false)} stills are"
             notes.append(
@@ -128,71 +112,11 @@ class Rebias(Shown):
             )
         return notes
 
-    @property
-    def page(self) -> Group:
-        """The command's output as a rich renderable: change of B and closure, by the source of the bias."""
-        header = ("", "change of B, dps: x", "y", "z", "closure, degrees rms: tilt", "yaw", *(f"{run.file} RMSE" for run in self.runs))
-        rows = []
-        for name, own in self.closure.items():
-            change, sigma = self.changes.get(name, (np.zeros(3), None))
-            moved = zip(change / DEG, np.zeros(3) if sigma is None else sigma / DEG, strict=True)
-            rmse = [degrees_text(run_figures(errors[name])["rmse_deg"]) for errors in self.run_errors]
-            title = "stored bias" if name == "stored" else f"bias {name}"
-            rows.append([title, *moved, degrees_text(own["tilt_rms_deg"]), degrees_text(own["yaw_rms_deg"]), *rmse])
-        bold = {[*self.angles].index(self.source): "bold"}
-        table = Table(f"{self.state.path.name} in {self.problem.session.name}", header, rows, "bold is what is saved", styles=bold)
-        first, *warnings = (f"{each[0].upper()}{each[1:]}." for each in self.remarks)
-        return screen([table, first, *(one_line(each, "yellow") for each in warnings)])
-
-    def to_json(self) -> dict:
-        """``tinygc-fit/2`` with the stored calibration, and that with the bias of each source, as methods (docs/formats.md).
-
-        No E was fitted here: all is held out, unless ``bias.fitted_here`` states that the stored model was fitted to this session.
-        """
-        problem, own = self.problem, {"parameters": self.state.model.parameters, "seconds": 0.0}
-
-        def by_name(found: Mapping[str, Any]) -> dict[str, Any]:
-            return {name if name == "stored" else f"stored_{name}": each for name, each in found.items()}
-
-        held_out = {name: own | {"train": dict.fromkeys(each), "holdout": each} for name, each in self.closure.items()}
-        return plain(
-            {
-                "schema": SCHEMA,
-                "session": problem.session.name,
-                "stills": len(problem.stills),
-                "segments": segments_table(problem),
-                "noise": {
-                    "gyro_dps_rthz": problem.noise.gyro / DEG,
-                    "accel_g_rthz": problem.noise.accel / G,
-                    **problem.instability.to_json(),
-                    "closure_floor_rms_deg": problem.floor.tilt_rms / DEG,
-                },
-                "methods": by_name(held_out),
-                "bias": {
-                    "model": str(self.state.path),
-                    "source": self.source,
-                    "fitted_here": self.origin[0],
-                    "remarks": self.remarks,
-                    "change_dps": {name: change / DEG for name, (change, _) in self.changes.items()},
-                    "sigma_dps": {name: None if sigma is None else sigma / DEG for name, (_, sigma) in self.changes.items()},
-                },
-                "closure_runs": [
-                    {"file": run.file, "duration_s": run.duration_s} | by_name({name: run_figures(error) for name, error in errors.items()})
-                    for run, errors in zip(self.runs, self.run_errors, strict=True)
-                ],
-                "version": VERSION,
-            }
-        )
-
     def save(self, folder: Path | str | None = None) -> Path:
-        """Write the model and its figures into a folder (``fit`` in the session's folder by default); returns it.
-
-        ``fit.json`` belongs to the models that were fitted there, and stays.
-        """
+        """Write the model as ``model_rebiased.json`` into a folder (``fit`` in the session's folder by default); returns it."""
         folder = self.problem.session.own_folder("fit") if folder is None else Path(folder)
         with result_folder(folder):
-            write_whole(folder / MODEL, self.table)
-            write_whole(folder / FIGURES, self.to_json())
+            write_whole(folder / "model_rebiased.json", self.table)
         return folder
 
 
@@ -228,7 +152,7 @@ def rebias(
     Returns
     -------
     Rebias
-        ``model``, ``change`` of B, ``closure``, ``summary()``, ``save(folder)``, ``to_json()``.
+        ``model``, ``change`` of B, ``closure``, ``remarks``, ``save(folder)``.
 
     Raises
     ------
@@ -267,9 +191,7 @@ def rebias(
         folder = problem.session.folder
         raise SegmentError(f"{folder}: no still and no rest to take the bias from; use source gravity, or given with bias_dps")
     all_models = {"stored": stored} | {name: stored.with_bias_moved(change) for name, (change, _) in changes.items()}
-    runs = read_closure_runs(problem)
-    errors = [{name: run.errors(model) for name, model in all_models.items()} for run in runs]
-    return Rebias(problem, runs, state, changes, source, {name: _closure(problem, model) for name, model in all_models.items()}, errors)
+    return Rebias(problem, state, changes, source, {name: _closure(problem, model) for name, model in all_models.items()})
 
 
 def _closure(problem: Problem, model: Model) -> np.ndarray:

@@ -28,7 +28,6 @@ from tinygc.deploy.calibration import effects_of_session_time
 from tinygc.estimation.accelerometer import AccelerometerFit
 from tinygc.estimation.choice import worse_in_table
 from tinygc.estimation.spread import ACCELEROMETER, ZERO
-from tinygc.fitting import bias_of_day
 from tinygc.fitting.fit_file import model_tables, read_evaluated, to_json
 from tinygc.fitting.results import AT_END, FitResult
 from tinygc.fitting.unit_state import spread_of
@@ -182,7 +181,8 @@ def read_context(
     name: str = table.get("session") or printable(folder.resolve().name)
     named: str = table.get("method") or path.stem.removeprefix("model_")
     tested = named.removesuffix(AT_END)
-    fit = _fit_of(path, tested, f"run `{command_line('fit', folder)}` again")
+    of_fit = path.parent / "fit.json"
+    fit = read_evaluated(of_fit, f"run `{command_line('fit', folder)}` again", tested) if of_fit.exists() else {}
     _refuse_worse(path.name, fit, tested, remark, options.anyway)
     context = Context(
         name, named, config, table, fit, hashes, remark, lambda: [read_log(log, config.sensor).samples.temp_c for log in logs]
@@ -323,10 +323,3 @@ def _model_path(folder: Path, method: str | None) -> Path:
     if wanted not in there:
         raise ExportError(f"{folder / 'fit'}: no model_{wanted}.json; there are {', '.join(there)}")
     return there[wanted]
-
-
-def _fit_of(path: Path, method: str, again: str) -> dict:
-    """Return the fit of a model: ``rebiased.json`` for one with a re-estimated bias, else ``fit.json``; empty where missing."""
-    names = (bias_of_day.FIGURES, "fit.json") if path.name == bias_of_day.MODEL else ("fit.json",)
-    home = next((path.parent / name for name in names if (path.parent / name).exists()), None)
-    return {} if home is None else read_evaluated(home, again, method, rebiased=home.name == bias_of_day.FIGURES)

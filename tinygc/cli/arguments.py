@@ -53,7 +53,7 @@ BEGINNING = 64 * KB
 #: of a help page
 COLUMNS = 79
 #: shells that can complete commands
-SHELLS = ("bash", "zsh", "fish")
+SHELLS = ("bash", "zsh")
 #: files in an input folder that are not recorded, but that other commands read
 DERIVED = ("fit/*.json", "explain/explain.json", "*.py")
 #: command -> the one of these files that it writes itself, with the content of its JSON
@@ -181,7 +181,7 @@ Begin with:  {example}
 """
 END = """
 {program} COMMAND --help  shows the usual options of a command
---version  --completion bash|zsh|fish
+--version  --completion bash|zsh
 """
 
 

@@ -16,7 +16,6 @@ TOML_AND_FRAMES = {
     "tinygc-session/1",
     "tinygc-frame/1",
     "tinygc-defaults/1",
-    "tinygc-requirements/1",
     "tinygc-table/1",
     "tinygc-make/1",
 }

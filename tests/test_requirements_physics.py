@@ -1,5 +1,6 @@
 """Decision rules: probability of conformity, guard bands and risks by hand and by another program; limits as they are read."""
 
+import tomllib
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,9 +9,10 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 
 from session.base.errors import FormatError
+from session.base.results import require
 from session.base.units import DEG
 from session.log.config import Accelerometer
-from session.log.requirements import GROUPS, GUARDED, QUANTITIES, SIMPLE, Requirements, Rule, read_requirements
+from session.log.requirements import GROUPS, GUARDED, QUANTITIES, SIMPLE, Requirements, RequirementsShape, Rule
 from tinygc.deploy.calibration import in_frame_of
 from tinygc.estimation.accelerometer import AccelerometerFit
 from tinygc.estimation.choice import AgainstRaw
@@ -350,16 +352,15 @@ def test_a_value_beyond_its_limits_is_no_reason_against_the_calibration_itself()
     assert limited.measured.sigma == run_measured("c.csv", np.full(3, 1e-3), np.full(3, 1e-4)).sigma
 
 
-def written(tmp_path, text):
-    path = tmp_path / "required.toml"
-    path.write_text('schema = "tinygc-requirements/1"\n' + text)
-    return path
+def read(text):
+    require(table := tomllib.loads(text), shape := RequirementsShape(), "session.toml")
+    return shape.made(table)
 
 
-def test_a_file_of_requirements(tmp_path):
+def test_requirements_are_read():
     rule = 'rule = "guard band"\nguard = 0.5\nreference = "RX-12"\n'
     limits = "[closure_deg]\nupper = 1\n[gyro_bias_mdps]\nlower = -9\n[gyro_bias_y_mdps]\nupper = 3\n"
-    found = read_requirements(written(tmp_path, rule + limits))
+    found = read(rule + limits)
     assert (found.rule, found.reference) == (Rule(GUARDED, 0.5), "RX-12")
     of_bias = {"gyro_bias_x_mdps": (-9.0, INF), "gyro_bias_y_mdps": (-INF, 3.0), "gyro_bias_z_mdps": (-9.0, INF)}
     assert found.limits == {"closure_deg": (-INF, 1.0)} | of_bias
@@ -380,12 +381,10 @@ def test_a_file_of_requirements(tmp_path):
         ("least_ratio = 4\n[closure_deg]\nupper = 1\n", "least_ratio needs a lower and an upper limit, and closure_deg has one alone"),
     ],
 )
-def test_what_is_no_requirement_is_refused_in_one_line(tmp_path, text, says):
-    path = written(tmp_path, text)
+def test_what_is_no_requirement_is_refused_in_one_line(text, says):
     with pytest.raises(FormatError) as caught:
-        read_requirements(path)
+        read(text)
     assert says in str(caught.value)
-    assert str(path) in str(caught.value)
     assert "\n" not in str(caught.value)
 
 

@@ -1,7 +1,6 @@
 """Requirements: limits of quantities, and the rule by which a measured value meets them or not (docs/requirements.md).
 
-They stand in ``[requirements]`` of session.toml, or in a file of their own, ``tinygc-requirements/1``.  The rules are applied in
-``tinygc/verdict/requirements.py``.
+They stand in ``[requirements]`` of session.toml.  The rules are applied in ``tinygc/verdict/requirements.py``.
 """
 
 from __future__ import annotations
@@ -9,15 +8,12 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
-from pathlib import Path
+from dataclasses import dataclass, field
 from typing import Annotated, Any
 
 from session.base.records import Key, record_of, stated
-from session.base.results import Keys, MapOf, Mismatch, Number, Text, require, require_schema, shown
-from session.base.toml import read_toml
+from session.base.results import Keys, MapOf, Mismatch, Number, Text, shown
 
-SCHEMA = "tinygc-requirements/1"
 SIMPLE, GUARDED = "simple acceptance", "guard band"
 RULES = (SIMPLE, GUARDED)
 SIDES = ("lower", "upper")
@@ -157,12 +153,3 @@ class RequirementsShape(MapOf):
         """Of no source."""
         limits = _bounds_of({key: sides for key, sides in value.items() if key not in _KNOWN.may})
         return Requirements(limits, _RULE.made(value), value.get("reference", ""))
-
-
-def read_requirements(path: Path) -> Requirements:
-    """Requirements of a file.  Raises FormatError, in one line, for what is none."""
-    table = read_toml(path)
-    require_schema(table, SCHEMA, str(path), "write it at the top (docs/requirements.md)")
-    sections = {key: value for key, value in table.items() if key != "schema"}
-    require(sections, shape := RequirementsShape(), str(path), "correct it there (docs/requirements.md)")
-    return replace(shape.made(sections), source=str(path))

@@ -206,9 +206,3 @@ class FitOptions(AtRest, Clock, Exclude):
         of_methods=False,
         rare=True,
     )
-    requirements: Path | None = option(
-        None,
-        "limits of closure and sensor errors, and the rule that decides (session.toml's [requirements])",
-        cli=False,
-        of_methods=False,
-    )

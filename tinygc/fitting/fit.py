@@ -15,7 +15,6 @@ from session.base.progress import Progress, no_report
 from session.detect.check_references import with_own_accelerometer
 from session.detect.check_samples import with_bridges
 from session.log.folder import Session, read_session
-from session.log.requirements import read_requirements
 from tinygc.closure.build import build_problem
 from tinygc.closure.least_squares import GaussianPrior, PriorOf, PriorUse
 from tinygc.closure.prepared import Prepared, prepare
@@ -85,9 +84,6 @@ def fit_session(
     Raises FormatError for requirements or other sessions of the unit that cannot be read, SegmentError where still rates are requested and
     there are none, and the errors of ``prepare``, of ``read_closure_runs`` and of the methods.
     """
-    # All inputs are read and refused first.
-    if options.requirements is not None:
-        read_requirements(options.requirements)
     if prepared is not None:
         session = prepared.session
     elif not isinstance(session, Session):

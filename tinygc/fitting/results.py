@@ -15,7 +15,6 @@ from session.detect.findings import Finding
 from session.detect.signatures import FILTER, TRACKED
 from session.log.config import NominalRate
 from session.log.folder import Session
-from session.log.requirements import Requirements, read_requirements
 from tinygc.closure.least_squares import PriorUse
 from tinygc.closure.problem import Problem
 from tinygc.closure.runs import ClosureRun
@@ -198,7 +197,7 @@ class FitResult:
             self.against_raw,
             self.accelerometer,
             [*self.doubts, *wide, *doubts],
-            self.requirements,
+            self.session.config.requirements,
             [test for test in self.tests if is_linear or test.name == GRAVITY],
             promise_of(self.problem),
         )
@@ -220,12 +219,6 @@ class FitResult:
         runs = dict(zip((run.file for run in self.runs), self.without_physics.candidate.run_p, strict=True))
         latitude_deg = self.session.config.site.latitude_deg
         return model_tests(self.goodness, runs, self.noise, self.allowed, self.accelerometer, latitude_deg)
-
-    @cached_property
-    def requirements(self) -> Requirements | None:
-        """Limits of the options' file, else of session.toml; None without any.  Raises FormatError for a file that holds none."""
-        path = self.options.requirements
-        return self.session.config.requirements if path is None else read_requirements(path)
 
     @property
     def file_to_use(self) -> str | None:

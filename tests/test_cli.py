@@ -93,7 +93,7 @@ def test_limit_is_exit_code_1_and_says_which_figure_failed_and_a_session_that_ma
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
     out = tmp_path / "results" / "first"
     code, said, err = run("fit", folder, *QUICK, "--limit", "1e-6", "--out", out, "--quiet")
-    assert sorted(path.name for path in out.iterdir()) == ["fit.json", "fitted.json", "model_least_squares.json"]
+    assert sorted(path.name for path in out.iterdir()) == ["fit.json", "model_least_squares.json"]
     assert (code, said, err.count("\n")) == (1, "", 1)
     for words in ("--limit 0.00000100", "held-out turns close to 0.0", "closure0001.csv.gz is off by 0.0"):
         assert words in err

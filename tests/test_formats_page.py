@@ -68,9 +68,8 @@ def test_fit_and_every_file_that_it_leaves(folder):
     assert {"physics", "tinygc_physics", "tinygc_denoised"} <= set(table["methods"])
     assert table["closure_runs"]
     files = {path.name: json.loads(path.read_text(encoding="utf-8")) for path in (folder / "fit").iterdir()}
-    assert {name for name in files if not name.startswith("model_")} == {"fit.json", "fitted.json"}
+    assert {name for name in files if not name.startswith("model_")} == {"fit.json"}
     assert_on_page(files.pop("fit.json"), "tinygc-fit/2")
-    assert_on_page(files.pop("fitted.json"), "tinygc-fitted/1")
     kinds = set()
     for model in files.values():
         assert_on_page(model, "tinygc-model/1")

@@ -153,7 +153,7 @@ def test_an_output_that_is_nobodys_is_written(run, idle, recording, tmp_path, co
 def test_no_output_has_the_name_that_a_recording_will_have_or_of_a_model_or_result_that_is_read(run, idle, tmp_path, command):
     """``record --out D --json D/log0001.csv``: the log comes first, and the JSON after it."""
     folder = tmp_path / "D"
-    for name in ("fit/model_least_squares.json", "fit/fitted.json", "fit/fit.json", "explain/explain.json"):
+    for name in ("fit/model_least_squares.json", "fit/fit.json", "explain/explain.json"):
         (folder / name).parent.mkdir(exist_ok=True, parents=True)
         (folder / name).write_text('{"schema": "tinygc-fit/1"}')
         words = least(command, folder, "--json", folder / name)

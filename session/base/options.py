@@ -41,8 +41,7 @@ class Rule:
     choices: the values there are; some: the words of a list; least, most, above: bounds of each number; metavar: its value in
     ``--help``; group: heading in ``--help``; flags: in place of the field's name; positional; repeated: given once for each value;
     several: one flag, and all words behind it; example: of a text; alone: value of a flag without one; read: parser of its text; cli:
-    whether the command line has it; default_key: of the user's defaults file; of_methods: of a fit, whether a method's numbers follow from
-    it, so that a saved one is used again only where it is the same; rare: whether only ``--help-all`` shows it.
+    whether the command line has it; default_key: of the user's defaults file; rare: whether only ``--help-all`` shows it.
     """
 
     help: str
@@ -64,7 +63,6 @@ class Rule:
     read: Callable[[str], Any] | None = None
     cli: bool = True
     default_key: str = ""
-    of_methods: bool = True
     rare: bool = False
 
 

@@ -119,7 +119,6 @@ class AtRest(Earth):
     noise: Path | None = option(
         None,
         "noise figures of the unit, measured at rest: the prior of its bias drift (fit/noise.json in the session folder, if it is there)",
-        of_methods=False,
         rare=True,
     )
 
@@ -179,13 +178,11 @@ class FitOptions(AtRest, Clock, Exclude):
 
     """
 
-    methods: tuple[str, ...] = option(
-        CHOSEN, f"methods, in the order of the report, among {', '.join(CHOSEN)}", some=CHOSEN, of_methods=False, rare=True
-    )
+    methods: tuple[str, ...] = option(CHOSEN, f"methods, in the order of the report, among {', '.join(CHOSEN)}", some=CHOSEN, rare=True)
     folds: int = option(5, "folds of the held-out closure", least=2, cli=False)
     seed: int = option(0, "seed of the swarm", least=0, cli=False)
     physics: tuple[str, ...] | None = option(
-        None, "fit what explain names as well (auto), or effects by id, with commas", metavar="auto|IDS", of_methods=False
+        None, "fit what explain names as well (auto), or effects by id, with commas", metavar="auto|IDS"
     )
     bias_per_log: bool = option(False, "each log has a bias of its own, as of several days; their median is kept", cli=False)
     bias: str = option(
@@ -203,6 +200,5 @@ class FitOptions(AtRest, Clock, Exclude):
         (),
         "a fitted session of the same unit; of two or more, the spread of their biases is that of any session",
         repeated=True,
-        of_methods=False,
         rare=True,
     )

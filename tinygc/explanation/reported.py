@@ -202,8 +202,8 @@ class ReportData:
     """Data of a report.
 
     fit; explanation or None; adopted: the reported calibration; decision; quantities: every number of the parameter tables, in the field's
-    terms; allan or None; hashes of the session's files; versions; made: date and time of the report; limit_deg or None; reused: methods
-    read from the output of ``fit``; searched: result of an earlier ``explain --discover``, as the discovery feature reads it, or None.
+    terms; allan or None; hashes of the session's files; versions; made: date and time of the report; limit_deg or None; searched: result
+    of an earlier ``explain --discover``, as the discovery feature reads it, or None.
     """
 
     fit: FitResult
@@ -216,7 +216,6 @@ class ReportData:
     versions: dict[str, str]
     made: str
     limit_deg: float | None
-    reused: tuple[str, ...] = ()
     searched: Any = None
 
     @property
@@ -247,7 +246,7 @@ def gather(
 ) -> ReportData:
     """Run fit and explain of a session or a session folder.
 
-    fit: the fit of this session with these options, where it was run before; else earlier output is in the session's ``fit``.
+    fit: the fit of this session with these options, where it was run before.
     The session is read, checked and turned into a problem once, for both.  Raises what ``fit_session`` and ``explain_session`` raise.
     """
     progress = progress or no_report
@@ -257,8 +256,7 @@ def gather(
         prepared = prepared_for(session, options, progress)
     logs = {file_key(log.path): hash_of_log(log) for log in prepared.session.logs} if explain and prepared is not None else {}
     if fit is None:
-        saved = None if folder is None else folder / "fit"
-        fit = fit_session(session, options, progress, saved=saved, prepared=prepared, physics=physics_methods)
+        fit = fit_session(session, options, progress, prepared=prepared, physics=physics_methods)
     if options.exclude and prepared is not None and explain:  # segments excluded from the fit are explained all the same
         prepared = prepared.as_given()
         problem = build_problem(prepared.session, use_earth=options.earth, found=prepared.problem.found)
@@ -287,7 +285,6 @@ def gather(
         versions=versions(),
         made=moment.strftime("%Y-%m-%d %H:%M UTC"),
         limit_deg=limit_deg,
-        reused=fit.reused,
         searched=features.first("earlier results of a report", folder, logs) if explain and folder is not None else None,
     )
 

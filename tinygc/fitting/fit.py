@@ -27,7 +27,6 @@ from tinygc.estimation.options import CHOSEN, FitOptions, MethodFit
 from tinygc.estimation.spread import ZERO, Spread
 from tinygc.estimation.stated_noise import StatedNoise, stated_noise, stated_uncertainty
 from tinygc.estimation.systematic import systematic_of
-from tinygc.fitting.fit_file import inputs_of, saved_methods
 from tinygc.fitting.results import FitResult
 from tinygc.fitting.unit_state import spread_of, spread_over
 from tinygc.noise.measured import measured_noise
@@ -72,17 +71,15 @@ def fit_session(
     session: Session | Path,
     options: FitOptions,
     progress: Progress = no_report,
-    saved: Path | None = None,
     prepared: Prepared | None = None,
     physics: FitPhysics | None = None,
 ) -> FitResult:
     """Fit a calibration to a session, or to a session folder.
 
-    progress: callback with the current task and its progress; saved: a folder of ``save_models`` whose methods are reused where they were
-    made from the same files with the same options; prepared: the session, if it is prepared already; physics: fits the effects that
-    ``options.physics`` names, and is required for that.
-    Raises FormatError for requirements or other sessions of the unit that cannot be read, SegmentError where still rates are requested and
-    there are none, and the errors of ``prepare``, of ``read_closure_runs`` and of the methods.
+    progress: callback with the current task and its progress; prepared: the session, if it is prepared already; physics: fits the effects
+    that ``options.physics`` names, and is required for that.
+    Raises FormatError for other sessions of the unit that cannot be read, and the errors of ``prepare``, of ``read_closure_runs`` and of
+    the methods.
     """
     if prepared is not None:
         session = prepared.session
@@ -109,7 +106,7 @@ def fit_session(
         noise = stated_noise(problem)
         progress("prior", 0, 1)
         bias_from, level, linear, use = given.fit(problem, options, noise)
-    fits, reused, not_run = _run_methods(problem, level, options, linear, progress, saved if given is None else None)
+    fits, not_run = _run_methods(problem, level, options, linear, progress)
     errors = [{name: run.errors(fit.model) for name, fit in fits.items()} for run in runs]
     linear = fits.get("least_squares") or linear
     named = None
@@ -140,7 +137,6 @@ def fit_session(
         noise=noise,
         bias_from=bias_from,
         warnings=prepared.warnings,
-        reused=reused,
         not_run=not_run,
         against_raw=against_raw(problem, options, fits),
         prior=use,
@@ -149,15 +145,14 @@ def fit_session(
 
 
 def _run_methods(
-    problem: Problem, level: Problem, options: FitOptions, linear: MethodFit, progress: Progress, saved: Path | None
-) -> tuple[dict[str, MethodFit], tuple[str, ...], dict[str, str]]:
-    """Return the methods by name; the names of those that were reused from saved files; and why others cannot run on this session, by name.
-    level: the problem with the selected bias, which all methods are fitted to; linear: its least squares.
+    problem: Problem, level: Problem, options: FitOptions, linear: MethodFit, progress: Progress
+) -> tuple[dict[str, MethodFit], dict[str, str]]:
+    """Return the methods by name, and why others cannot run on this session, by name.
 
-    Raises the error of the last one where none can run.
+    level: the problem with the selected bias, which all methods are fitted to; linear: its least squares.  Raises the error of the last
+    one where none can run.
     """
-    known = {} if saved is None else saved_methods(saved, level, options, inputs_of(problem))
-    known.setdefault("least_squares", linear)
+    known = {"least_squares": linear}
     fits: dict[str, MethodFit] = {}
     not_run: dict[str, str] = {}
     for name in options.methods:
@@ -168,7 +163,7 @@ def _run_methods(
             not_run[name] = str(error)
             if len(not_run) == len(options.methods):
                 raise
-    return fits, tuple(name for name in options.methods if name in known and known[name] is not linear), not_run
+    return fits, not_run
 
 
 # What a recording closes to, whatever ``check`` finds in it: before and after its repair.

@@ -1,20 +1,18 @@
-"""A fit as files: ``fit.json`` (``tinygc-fit/2``), which other commands read, its models, and ``fitted.json``, for its next run."""
+"""A fit as files: ``fit.json`` (``tinygc-fit/2``), which other commands read, and its models."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Any
 
 import numpy as np
 
 from session import VERSION
-from session.base.errors import CalibrationError, FormatError
+from session.base.errors import FormatError
 from session.base.files import result_folder
 from session.base.numeric import rms_of
-from session.base.options import declared
-from session.base.records import Size, in_unit, plain, read_record, table_of, write_whole
+from session.base.records import in_unit, plain, table_of, write_whole
 from session.base.results import Array, Flag, Keys, ListOf, MapOf, Maybe, Number, Shape, Text, read_required, require
 from session.base.units import DEG, G
 from session.log.folder import file_key, input_hashes
@@ -22,7 +20,7 @@ from tinygc import models
 from tinygc.closure.problem import Problem
 from tinygc.estimation.accelerometer import JOINT_NAMES
 from tinygc.estimation.choice import closure_figures, run_figures
-from tinygc.estimation.options import METHODS, FitOptions, MethodFit
+from tinygc.estimation.options import METHODS
 from tinygc.estimation.physics import rate_covariance
 from tinygc.estimation.spread import ACCELEROMETER, ZERO
 from tinygc.fitting.results import AT_END, PHYSICS, FitResult
@@ -238,9 +236,7 @@ def save_models(result: FitResult, folder: Path | None = None, limit_deg: float 
             write_whole(folder / f"model_{name}.json", table)
             if name + AT_END not in tables:  # from an earlier fit, whose physics followed time
                 (folder / f"model_{name}{AT_END}.json").unlink(missing_ok=True)
-        made = made_from(result.options, inputs_of(result.problem), result.methods)
         write_whole(folder / "fit.json", to_json(result, limit_deg))
-        write_whole(folder / SAVED_NAME, made)
     return folder
 
 
@@ -295,68 +291,3 @@ def model_tables(result: FitResult) -> dict[str, dict]:
             tables[name + AT_END] = models.to_dict(fit.model.at_end(), **ended)
         tables[name] = models.to_dict(fit.model, **more)
     return tables
-
-
-# ``fitted.json``: saved methods, reused where they were made from the same files, with the same options, by the same version.
-
-SAVED_NAME = "fitted.json"
-_ANGLES = Array((None, None))
-
-
-@dataclass(frozen=True, eq=False)
-class SavedMethod:
-    """Error angles (segments, angles) of the fit to all and of the held-out fits, rad; seconds; notes."""
-
-    fitted_rad: Annotated[np.ndarray, _ANGLES]
-    held_out_rad: Annotated[np.ndarray, _ANGLES]
-    seconds: Size
-    notes: Annotated[dict, Keys()]
-
-
-@dataclass(frozen=True, eq=False)
-class Fitted:
-    """``fitted.json``; key: what must be equal for reuse."""
-
-    schema: ClassVar[str] = "tinygc-fitted/1"
-    key: Annotated[dict, Keys()]
-    methods: Mapping[str, SavedMethod]
-
-
-def key(options: FitOptions, hashes: dict[str, str]) -> dict:
-    """Return what must be equal for reuse, JSON-ready."""
-    chosen = {each.name: plain(getattr(options, each.name)) for each, rule in declared(options) if rule.of_methods}
-    return {"options": chosen, "inputs": hashes, "version": VERSION}
-
-
-def inputs_of(problem: Problem) -> dict[str, str]:
-    """Return file -> SHA-256 of what a method's numbers follow from: the session's files, and noise figures at rest if there are any."""
-    return input_hashes(problem.session) | ({} if problem.at_rest is None else {problem.at_rest.file: problem.at_rest.sha256})
-
-
-def made_from(options: FitOptions, hashes: dict[str, str], methods: dict[str, MethodFit]) -> Fitted:
-    """Return the inputs of a fit, and what is saved of each method."""
-    saved = {name: SavedMethod(fit.angles, fit.held_out, fit.seconds, fit.notes) for name, fit in methods.items()}
-    return Fitted(key(options, hashes), saved)
-
-
-def saved_methods(folder: Path, problem: Problem, options: FitOptions, hashes: dict[str, str]) -> dict[str, MethodFit]:
-    """Read the requested methods that a folder of ``fit`` contains for this problem; none where anything differs or cannot be read."""
-    try:
-        saved = read_record(Fitted, folder / SAVED_NAME)
-        if saved.key != key(options, hashes):
-            return {}
-        found = {name: _read_method(folder, name, saved.methods[name], problem) for name in options.methods if name in saved.methods}
-    except CalibrationError:
-        return {}
-    if "tinygc_denoised" in options.methods and "tinygc_denoised" not in found:
-        found.pop("tinygc", None)  # the denoiser is trained on the fits of the folds, which are not saved
-    return found
-
-
-def _read_method(folder: Path, name: str, saved: SavedMethod, problem: Problem) -> MethodFit:
-    shape = (len(problem.batch), problem.batch.angles)
-    if saved.fitted_rad.shape != shape or saved.held_out_rad.shape != shape:
-        raise FormatError(f"{name}: not the angles of {shape[0]} segments")
-    return MethodFit(
-        name, models.load(folder / f"model_{name}.json"), saved.fitted_rad, saved.held_out_rad, saved.seconds, dict(saved.notes)
-    )

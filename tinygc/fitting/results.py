@@ -54,8 +54,7 @@ class FitResult:
     methods by name; runs with errors_rad by file and method; covariance (12, 12) of least squares' parameters, already scaled by
     ``widened``, the variance inflation that no noise explains; accelerometer_covariance (12, 12): its part from the accelerometer's
     pre-calibration; noise estimated from the recording, None where it is not; bias_from: source of the bias; against_raw: whether the fits
-    are better than raw rates; warnings of the first check; physics that was fitted as well, or None; reused: methods taken from saved files
-    instead of being fitted;
+    are better than raw rates; warnings of the first check; physics that was fitted as well, or None;
     joint_covariance (21, 21): of both sensors (``accelerometer.JOINT_NAMES``), inflated as well, where they were estimated jointly, and
     joint_sources that it is the sum of; joint_shared (21, 21): its part from a given calibration; prior: its use, None without one;
     not_run: why a requested method cannot run on this session, by name; allowed: how far one effect that the recording still
@@ -76,7 +75,6 @@ class FitResult:
     against_raw: AgainstRaw
     warnings: list[Finding]
     physics: PhysicsFit | None = None
-    reused: tuple[str, ...] = ()
     noise: StatedNoise | None = None
     accelerometer_covariance: np.ndarray | None = None
     joint_covariance: np.ndarray | None = None

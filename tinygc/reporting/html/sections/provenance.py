@@ -5,7 +5,6 @@ from __future__ import annotations
 from session.base.texts import STANDIN_NAME
 from session.log.config import BoardGiven
 from tinygc.explanation.reported import ReportData
-from tinygc.reporting.fit_text import TITLES
 from tinygc.reporting.html.markup import Section, render
 from tinygc.reporting.html.sections.recording import temperature_words
 
@@ -29,7 +28,6 @@ def section(evidence: ReportData) -> Section:
         board=board_text(session.config.board),
         registers=", ".join(dict.fromkeys(registers)),
         source=SOURCES[evidence.adopted.accelerometer.source],
-        reused=[TITLES.get(name, name) for name in evidence.reused],
     )
     return Section("provenance", "Provenance", html)
 

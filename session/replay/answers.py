@@ -85,10 +85,10 @@ def with_sensor(sources: Sequence[Source], answers: Answers) -> tuple[Answers, t
 
 def with_full_scales(sources: Sequence[Source], joined: Joined, answers: Answers) -> tuple[Answers, tuple[str, ...]]:
     """The answers with full scales, and notes: where none is stated, the smallest usual range that holds the readings is assumed.  A note
-    states where the accelerometer does not show gravity.
+    states where the accelerometer shows too much for gravity.
 
     Raises QuestionsError where the readings stand at the end of their range, DataError where they are far beyond the one that is stated, or
-    any usual one.
+    any usual one, or have no gravity in them.
     """
     name = " and ".join(dict.fromkeys(source.path.name for source in sources))
     dialect = " and ".join(dict.fromkeys(source.layout.dialect for source in sources))
@@ -101,7 +101,12 @@ def with_full_scales(sources: Sequence[Source], joined: Joined, answers: Answers
     ):
         if kind == "accel" and si is not None:
             lengths = np.concatenate([np.linalg.norm(part, axis=1) for _, part in pieces(values)])
-            warned = _without_gravity(float(np.median(lengths, overwrite_input=True)) * si / G)
+            length_g = float(np.median(lengths, overwrite_input=True)) * si / G
+            shows = f"its accelerometer shows {length_g:.3g} g where gravity belongs"
+            if length_g < LEAST_GRAVITY:
+                what = "a telephone's linear or user acceleration, or another unit; give the file with gravity, or --accel-unit"
+                raise DataError(f"{name}: {shows}: {what}")
+            warned = f"{shows}; is its unit right? give --accel-unit" if length_g > MOST_GRAVITY else ""
         if si is None:
             found[kind] = stated
             continue
@@ -129,14 +134,6 @@ def with_full_scales(sources: Sequence[Source], joined: Joined, answers: Answers
         for called, range_, most, option in assumed
     ]
     return replace(answers, gyro_fs_dps=found["gyro"], accel_fs_g=found["accel"]), (*notes, *([warned] if warned else []))
-
-
-def _without_gravity(length_g: float) -> str:
-    """What an accelerometer whose readings have this length, g, is warned of; empty for one that shows gravity."""
-    shows = f"its accelerometer shows {length_g:.3g} g where gravity belongs"
-    if length_g < LEAST_GRAVITY:
-        return f"{shows}: a telephone's linear or user acceleration, or another unit; give the file with gravity, or --accel-unit"
-    return f"{shows}; is its unit right? give --accel-unit" if length_g > MOST_GRAVITY else ""
 
 
 def _standing(values: np.ndarray, most: float) -> int:

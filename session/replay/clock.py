@@ -93,8 +93,8 @@ LEAST_ROWS = 16
 STEADY_WITHIN = 0.5
 #: a free choice of unit is taken within this factor of the rate that is declared; the next unit is a thousand away
 RATE_WITHIN = 2.0
-#: Hz: sensors' and loggers' rates where none is declared; from 32 Hz to 1 kHz one unit of a clock fits alone
-SENSORS_HZ = (1.0, 32_000.0)
+#: Hz: sensors' and loggers' rates where none is declared; from 10 Hz to 1 kHz one unit of a clock fits alone
+SENSORS_HZ = (1.0, 10_000.0)
 #: a data rate in words, of a line that has Hz in it
 RATE = re.compile(r"(?:rate|freq|odr)\D{0,20}(\d+(?:\.\d+)?)", re.I)
 #: s of an epoch, 2001 to 2100: stamps that are such a date in one unit are in that unit
@@ -205,7 +205,7 @@ def find_clock(
         dated = [unit for unit in units if DATES_S[0] <= best.begins * TIME[unit] * NS <= DATES_S[1]]
         if len(dated) == 1 and not best.intervals:
             return best.taken(dated[0], BY_DATE)
-        header_hz = _rate_in(before)
+        header_hz = rate_in(before)
         near = [unit for unit in units if header_hz and abs(math.log(rates[unit] / header_hz)) <= math.log(RATE_WITHIN)]
         if len(near) == 1 < len(units):
             return best.taken(near[0], f"as {header_hz:g} Hz stand before its rows")
@@ -225,7 +225,7 @@ def find_clock(
     raise QuestionsError(where, "", [question])
 
 
-def _rate_in(lines: Sequence[str]) -> float | None:
+def rate_in(lines: Sequence[str]) -> float | None:
     """The one data rate that lines before a log's rows state: ``Update Rate: 100.0Hz``, ``odr_hz=104``; None for none and for several."""
     found = {float(match[1]) for line in lines if "hz" in line.lower() and (match := RATE.search(line))}
     return next(iter(found)) or None if len(found) == 1 else None
@@ -264,6 +264,11 @@ def _states(name: str) -> tuple[str | None, bool, bool]:
     stated = [UNITS[word] for word in words if word in UNITS]
     intervals = bool(set(words) & set(INTERVALS)) or {"d", "t"} <= set(words)
     return stated[-1] if stated else None, bool(stated or set(words) & set(CLOCKS)), intervals
+
+
+def is_named_clock(name: str) -> bool:
+    """Whether a column's name is a clock's, or a date's."""
+    return _states(name)[1] or "date" in _words(name)
 
 
 def _exact(rows: Sequence[Sequence[str]], column: int) -> list[int] | None:

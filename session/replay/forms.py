@@ -74,7 +74,9 @@ def form_of(lines: list[str], name: str) -> TextForm | None:
 # ``[2026-05-03 12:30:01.123] `` of Tera Term, the same without brackets of CoolTerm.
 
 _DATE, _TIME = r"\d{4}-\d\d-\d\d[ T]", r"(\d{1,2}:\d\d:\d\d[.:]\d+)"
-MONITOR = re.compile(rf"^\s*(?:(?:\[(?:{_DATE})?{_TIME}\]|(?:{_DATE})?{_TIME} -?>) ?|{_DATE}{_TIME} (?=\S*[,;:=\t]))")
+MONITOR = re.compile(
+    rf"^\s*(?:(?:\[(?:{_DATE})?{_TIME}\]|(?:{_DATE})?{_TIME} -?>) ?|{_DATE}{_TIME}(?: (?=\S*[,;:=\t])|, ?(?=[A-Za-z][\w() ]{{0,40}}[:=])))"
+)
 
 
 class _Monitor(TextForm):

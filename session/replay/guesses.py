@@ -22,8 +22,9 @@ from session.detect.axes import EXPLAINED, agreement
 from session.detect.stills import find_stills
 from session.log.samples import Samples
 from session.log.stamps import FASTEST_HZ, SLOWEST_HZ, fresh, pace_of
+from session.replay.answers import with_comments
 from session.replay.dialects import TableLayout
-from session.replay.join import Joined, join
+from session.replay.join import Joined, MissingSensorError, join
 from session.replay.options import Answers
 from session.replay.recognise import UnknownColumnsError
 from session.replay.sources import sources_of
@@ -43,8 +44,8 @@ COUNTS: dict[str, dict[str, float]] = {
 }
 #: option that a register's full scale is
 SCALES = {"gyro": "gyro_fs_dps", "accel": "accel_fs_g"}
-#: of gravity's length, how far the median of readings may be from it
-NEAR = 0.1
+#: of gravity's length, how far the median of readings may be from it: cheap sensors miss it by a fifth, the next unit is twice as large
+NEAR = 0.25
 #: factor by which gravity's movement may differ from what the rates make of it: the next unit is 57 times as large, the next count 13 %
 WITHIN, WITHIN_COUNTS = 2.0, 1.06
 #: lengths of readings: the 10th percentile of the 90th, of an accelerometer and of a gyroscope that turns
@@ -106,11 +107,13 @@ def answered(paths: Sequence[Path], answers: Answers, columns: Sequence[str], ca
     kinds -= {kind for kind in kinds if getattr(answers, f"{kind}_unit") is not None}
     if ("time" in kinds and not units) or not set(options.values()) <= {*KINDS, "--odr"}:
         raise cause
-    odr_hz = answers.odr_hz or (TENTATIVE_HZ if rate else None)
+    tentative_hz = TENTATIVE_HZ if rate else None
     placed: dict[str, Any] = {f"{kind}_unit": ANY.get(kind) or units[0] for kind in kinds}
     try:
-        with sources_of(paths, replace(answers, **placed, odr_hz=odr_hz), columns) as sources:
-            joined = join(sources, odr_hz)
+        with sources_of(paths, replace(answers, **placed, odr_hz=answers.odr_hz or tentative_hz), columns) as sources:
+            joined = join(sources, with_comments(answers, sources).odr_hz or tentative_hz)
+    except MissingSensorError:
+        raise
     except CalibrationError:  # what is wrong with the log is reported where it is read in its units
         raise cause from None
     guess = decide(joined, kinds, units, bool(rate), nameless)

@@ -19,13 +19,29 @@ from session.replay.named import ENDINGS
 #: what stands before or behind an axis, of a name in small letters without accents and without what is no letter
 USUAL = {
     "g": (
-        *("g", "gy", "gyr", "gyro", "gyros", "gyrorate", "gyroscope", "gyroraw", "rawgyro", "w", "omega", "rate", "rot", "angular"),
+        *("g", "gy", "gyr", "gyro", "gyros", "giro", "gyrorate", "gyroscope", "gyroraw", "rawgyro", "w", "omega", "rate", "rot", "angular"),
         *("angularvelocity", "angvel", "angularrate", "rotationrate", "rotation", "rotations"),
         *("drehrate", "winkelgeschwindigkeit", "gyroskop", "vitesseangulaire", "velocidadangular", "velocidadeangular"),
         *("velocitaangolare", "giroscopio", "hoeksnelheid", "角速度", "陀螺仪"),
     ),
     "a": (
-        *("a", "ac", "acc", "accl", "accelero", "accel", "accels", "accelerometer", "accelraw", "rawaccel", "f", "force", "specificforce"),
+        *(
+            "a",
+            "ac",
+            "acc",
+            "acce",
+            "accl",
+            "accelero",
+            "accel",
+            "accels",
+            "accelerometer",
+            "accelraw",
+            "rawaccel",
+            "f",
+            "force",
+            "specificforce",
+            "gforce",
+        ),
         *("acceleration", "accelerations", "linearacceleration"),
         *("beschl", "beschleunigung", "beschleunigungssensor", "accelerometre", "accelerometro", "acelerometro"),
         *("aceleracion", "aceleracao", "accelerazione", "versnelling", "加速度", "加速度计"),
@@ -41,6 +57,8 @@ UNIT_ENDINGS = {
 AXES = {"x": 0, "y": 1, "z": 2, "roll": 0, "pitch": 1, "yaw": 2, "wank": 0, "nick": 1, "gier": 2}
 #: of a name whose unit is an accelerometer's: another quantity, where one is there that is not called so
 OTHERS = ("mag", "lin", "user", "grav")
+#: ends the word of axes that are numbers: ``Force1`` alone is no axis
+NUMBERED = "#"
 #: quantities that a unit shows
 BY_UNIT = {"g": "gyro", "a": "accel"}
 #: how names of angles of each sample begin
@@ -89,31 +107,41 @@ def usual_columns(names: Sequence[str], file: str) -> dict[str, Column]:
     file: whose name states which sensor it is of where its columns are called x, y, z.
     """
     columns: dict[str, Column] = {}
-    stated: dict[str, dict[str, dict[int, Column]]] = {letter: {} for letter in BY_UNIT}  # by unit: sensor, rest of the name, axis
+    # of each sensor, by the word that names it, or by the unit and the rest of the name: axis, column
+    stated: dict[str, dict[str, dict[int, Column]]] = {letter: {} for letter in USUAL}
+    by_unit: dict[str, dict[str, dict[int, Column]]] = {letter: {} for letter in USUAL}
     of_file = _of_file(file)
     for column, text in enumerate(names):
         name, unit = name_and_unit(text)
         if name in ("x", "y", "z") and not unit and of_file:
-            found: tuple[str, str] | None = f"{of_file}{name}", ""
+            found: tuple[str, str, int, str] | None = of_file, "", "xyz".index(name), ""
         else:
             found = _written().get(BEFORE.sub("", plain(name)))
         if found is not None:
-            if found[0] in columns:  # two sensors: a person states which
+            letter, word, place, own = found
+            if letter not in USUAL:
+                columns.setdefault(letter, (column, unit or own, 1))
+            elif place in stated[letter].setdefault(word, {}):  # two sensors: a person states which
                 return {}
-            columns[found[0]] = column, unit or found[1], 1
+            else:
+                stated[letter][word][place] = column, unit or own, 1
             continue
         for letter, kind in BY_UNIT.items():
             if unit and unit.lower() not in COUNTS and parse_unit(kind, unit) is not None:
                 rest, axis = _axis(plain(name))
-                stated[letter].setdefault(rest, {}).setdefault(-1 if axis is None else axis, (column, unit, 1))
-    for letter, by_rest in stated.items():
-        if not any(f"{letter}{axis}" in columns for axis in "xyz"):
-            whole = [rest for rest, axes in by_rest.items() if {0, 1, 2} <= set(axes)]
-            mine = [rest for rest in whole if not any(other in rest for other in OTHERS)] or whole
-            if len(mine) == 1:
-                columns |= {f"{letter}{axis}": by_rest[mine[0]][place] for place, axis in enumerate("xyz")}
-    triads = [letter for letter in USUAL if all(f"{letter}{axis}" in columns for axis in "xyz")]
-    return columns if triads and len([key for key in columns if key != "temp"]) == 3 * len(triads) else {}
+                by_unit[letter].setdefault(rest, {}).setdefault(-1 if axis is None else axis, (column, unit, 1))
+    triads = 0
+    for letter in USUAL:
+        named = {word: axes for word, axes in stated[letter].items() if len(axes) == 3 or not word.endswith(NUMBERED)}
+        by_word = named or by_unit[letter]
+        whole = [word for word, axes in by_word.items() if {0, 1, 2} <= set(axes)]
+        mine = [word for word in whole if not any(other in word for other in OTHERS)] or whole
+        if len(mine) == 1 and len(whole) >= len(named):
+            triads += 1
+            columns |= {f"{letter}{axis}": by_word[mine[0]][place] for place, axis in enumerate("xyz")}
+        elif named:
+            return {}
+    return columns if triads else {}
 
 
 def _of_file(file: str) -> str:
@@ -135,17 +163,18 @@ def _axis(name: str) -> tuple[str, int | None]:
 
 
 @cache
-def _written() -> dict[str, tuple[str, str]]:
-    """Every plain name that means an axis of a sensor, and perhaps its unit: {gyroxdps: (gx, dps)}."""
-    found: dict[str, tuple[str, str]] = {word: ("temp", "degc") for word in USUAL_TEMPERATURES}
+def _written() -> dict[str, tuple[str, str, int, str]]:
+    """Every plain name that means an axis of a sensor, and perhaps its unit: {gyroxdps: (g, gyro, 0, dps)}."""
+    found: dict[str, tuple[str, str, int, str]] = {word: ("temp", word, 0, "degc") for word in USUAL_TEMPERATURES}
     for letter, words in USUAL.items():
-        for word, (axis, place) in product(words, zip("xyz", "012", strict=True)):
-            key, endings = f"{letter}{axis}", {"": "", **UNIT_ENDINGS[letter]}
-            for name in (f"{word}{axis}", f"{axis}{word}", f"{word}{place}", f"{word}{axis}axis"):
-                for ending, unit in endings.items():
-                    found.setdefault(name + ending, (key, unit))
-            for end, (ending, unit) in product((axis, place), endings.items()):
-                found.setdefault(f"{word}{ending}{end}", (key, unit))
+        endings = {"": "", **UNIT_ENDINGS[letter]}
+        for word, place in product(words, range(3)):
+            axis, bare = "xyz"[place], "g" if word == "gforce" else ""
+            for ending, unit in endings.items():
+                for name in (f"{word}{axis}{ending}", f"{axis}{word}{ending}", f"{word}{axis}axis{ending}", f"{word}{ending}{axis}"):
+                    found.setdefault(name, (letter, word, place, unit or bare))
+                for name in (f"{word}{place}{ending}", f"{word}{ending}{place}"):
+                    found.setdefault(name, (letter, word + NUMBERED, place, unit or bare))
     return found
 
 

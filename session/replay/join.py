@@ -29,6 +29,10 @@ LEAST_GRAVITY = 0.5
 COUNTED = "samples were counted at"
 
 
+class MissingSensorError(FormatError):
+    """No file holds one of the two sensors."""
+
+
 @dataclass(frozen=True, eq=False)
 class Joined:
     """t_ns (N,); gyro, accel (N, 3) and temp (N,) as written, each with the layout of the file it is from (temp may be None); counted:
@@ -203,8 +207,8 @@ def _only(whole: list[tuple[Source, Piece]], part: str, called: str) -> tuple[So
     named = ", ".join(dict.fromkeys(source.path.name for source, _ in whole))
     if part == "accel":
         turns = "of a gyroscope alone the turns must be known: --turns FILE"
-        raise FormatError(f"{named}: no accelerometer; give its file as well; {turns}")
-    raise FormatError(f"{named}: no gyroscope; give its file as well (this log needs the gyroscope's and the accelerometer's)")
+        raise MissingSensorError(f"{named}: no accelerometer; give its file as well; {turns}")
+    raise MissingSensorError(f"{named}: no gyroscope; give its file as well (this log needs the gyroscope's and the accelerometer's)")
 
 
 def without_gravity(accel: np.ndarray, layout: TableLayout) -> bool:

@@ -16,10 +16,10 @@ from session.base.units import COUNTS, ENDINGS, NS_PER_S, STAMP_NS, TIME, WORDS,
 from session.log.layout import Triad, three
 from session.log.one_sensor import MOST_SENSORS, Form
 from session.log.standard import MOST_NAMES, parse_header, with_degrees
-from session.replay.clock import CLOCKS, GIVEN, SENSORS_HZ, exact_ns, find_clock, holds_intervals
+from session.replay.clock import CLOCKS, GIVEN, SENSORS_HZ, exact_ns, find_clock, holds_intervals, is_named_clock, rate_in
 from session.replay.columns import DELIMITERS, Column, from_columns, split
 from session.replay.dialects import DIALECTS, OTHER, OWN, Dialect, TableLayout
-from session.replay.headings import name_and_unit, refuse_angles, spread, usual_columns
+from session.replay.headings import OTHERS, name_and_unit, plain, refuse_angles, spread, usual_columns
 from session.replay.options import Answers
 from session.replay.rows import FORMAT_WORD, Rows, Watch, place_of, refuse_kinds
 
@@ -65,12 +65,12 @@ def recognise(lines: list[str], name: str, answers: Answers, picking: str | None
     if found is None and like is not None:
         example = like.example if isinstance(like, Dialect) else "t_us,gx,gy,gz,ax,ay,az,temp"
         raise FormatError(f"{name}: no header of {answers.like} (--like), such as {example}; it begins {_first(lines)!r}")
+    usual = None if like is not None else max(_usual_matches(lines, name), key=lambda match: match[0], default=None)
     if found is None:
         # A line, and its names, that names one of our columns, though it is no whole header.
-        ours = {*STAMP_NS, "gx", "gx_dps", "gx_rps"}
+        ours = {*STAMP_NS, "gx_dps", "gx_rps"}
         named = ((number, split(line, delimiter)) for number, line in enumerate(lines) for delimiter in DELIMITERS)
         own = next((found for found in named if len(found[1]) > 1 and ours & set(found[1])), None)
-        usual = max(_usual_matches(lines, name), key=lambda match: match[0], default=None)
         if usual is None:
             refuse_angles((names[:MOST_NAMES] for _, _, _, names in _headers(lines)), name)
         if own is not None and (usual is None or any(own[1].count(name) > 1 for name in own[1])):
@@ -78,7 +78,9 @@ def recognise(lines: list[str], name: str, answers: Answers, picking: str | None
             parse_header(",".join(names), f"{name} line {number + 1}")  # raises what is wrong with it
         if usual is None:
             raise _unknown(lines, name, form)
+    if found is None or (usual is not None and usual[0] > found[0]):  # which may have one of the sensors, or a temperature, alone
         found = usual
+    assert found is not None  # or it is not known
     _, number, delimiter, dialect, columns, names = found
     if dialect is not None:
         # Refuse two columns of one name; what is not read may repeat.
@@ -213,8 +215,8 @@ def _columns_of(dialect: Dialect, names: list[tuple[str, str]], file: str) -> di
     return {**stamp, **found} if found else {}
 
 
-#: further columns of a file that is taken for one sensor's: a counter and a time, perhaps in two columns
-MOST_BESIDE = 3
+#: further columns, but for times, of a file that is taken for one sensor's: a counter, a name
+MOST_BESIDE = 2
 
 
 def _usual_matches(lines: list[str], name: str) -> Iterator[Match]:
@@ -222,7 +224,8 @@ def _usual_matches(lines: list[str], name: str) -> Iterator[Match]:
     for number, both, delimiter, names in _headers(lines):
         columns = usual_columns(names[:MOST_NAMES], name)
         alone = bool(columns) and ("gx" in columns) != ("ax" in columns)
-        if columns and not (alone and len(names) - len(columns) > MOST_BESIDE):  # the other sensor may be among the rest
+        beside = sum(name != "" and not is_named_clock(name) for name in names) - len(columns)
+        if columns and not (alone and beside > MOST_BESIDE):  # the other sensor may be among the rest
             yield (2 * len(columns) + both, -number), number, delimiter, None, columns, names
 
 
@@ -303,7 +306,10 @@ def _layout(
     if time_column is None or time_unit == "none":
         time_column, unit = None, Unit(0, "")
         if answers.odr_hz is None and ("gx" in columns or "ax" in columns) and not questions:
-            questions.append(Question(NO_TIME, "--odr HZ"))
+            if (rate_hz := rate_in(lines[:first])) is None:
+                questions.append(Question(NO_TIME, "--odr HZ"))
+            else:
+                facts |= {"odr_hz": f"{rate_hz:.9g}"}
     else:
         is_clock = time_column < len(row) and ":" in row[time_column]  # a time of day
         unit = Unit(1, "clock") if is_clock else unit_of("time", time_unit, "--time-unit", name, questions)
@@ -336,7 +342,7 @@ def _layout(
         header_line=lines[first - 1].strip() if first else "",
         finer=finer,
         remark="" if clock is None else clock.description,
-        sources=({} if clock is None else {"time": clock.known}) | _sources(columns, names, answers, facts, given_units),
+        sources=({} if clock is None else {"time": clock.known}) | _sources(columns, names, answers, facts, given_units, dialect),
         intervals=time_column is not None and holds_intervals(_rows(lines[first:], delimiter), time_column, names),
         facts={key: value for key, value in facts.items() if not key.endswith("_unit")},
     )
@@ -347,7 +353,12 @@ def _rows(lines: list[str], delimiter: str | None) -> list[list[str]]:
 
 
 def _sources(
-    columns: dict[str, Column], names: tuple[str, ...], answers: Answers, facts: Mapping[str, str], given_units: Mapping[str, str | None]
+    columns: dict[str, Column],
+    names: tuple[str, ...],
+    answers: Answers,
+    facts: Mapping[str, str],
+    given_units: Mapping[str, str | None],
+    dialect: Dialect | None,
 ) -> dict[str, str]:
     """Where each unit is from."""
     found = {}
@@ -357,7 +368,7 @@ def _sources(
         column, word, _ = columns[key]
         written = column < len(names) and (word in names[column] or word in COUNTS) and bool(word)
         origin = GIVEN if stated or answers.columns else "its own lines before the header" if f"{kind}_unit" in facts else ""
-        found[kind] = origin or (BY_HEADER if written else DOCUMENTED)
+        found[kind] = origin or (BY_HEADER if written or dialect is None else DOCUMENTED)
     return found
 
 
@@ -432,7 +443,8 @@ def _suggested(lines: Sequence[str]) -> tuple[int, list[tuple[str, str, int]], l
     """Of a log that begins with these lines: how many columns, the entries of ``--columns`` (``gx``, ``UNIT``, column), the columns' names,
     and plausible units of the clock; None where they are no table.
 
-    The accelerometer is the triad that is as long as gravity, the gyroscope one next to it: a person looks at it and corrects it.
+    Where names do not state it, the accelerometer is the triad that is as long as gravity, the gyroscope one next to it: a person looks at
+    it and corrects it.
     """
     values, clocks, names = max((_table(lines, delimiter) for delimiter in DELIMITERS), key=lambda table: table[0].size)
     count = values.shape[1]
@@ -442,14 +454,21 @@ def _suggested(lines: Sequence[str]) -> tuple[int, list[tuple[str, str, int]], l
     time = next(
         iter((*named, *(c for c in rises if c not in clocks and (np.diff(values[:, c]) != 1).any()), *sorted(clocks), *rises)), None
     )
-    left = [c for c in range(count) if c not in (time, *clocks) and np.isfinite(values[:, c]).all()]
+    sensors = [_sensor(name) for name in names]
+    left = [c for c in range(count) if c not in (time, *clocks) and sensors[c] != "-" and np.isfinite(values[:, c]).all()]
     triads = [c for c in left if {c + 1, c + 2} <= set(left)]
-    lengths = {c: median_length(values[:, c : c + 3]) for c in triads}
-    far = {(c, word): abs(length / g - 1) for c, length in lengths.items() for word, g in GRAVITY if abs(length / g - 1) < NEAR}
-    accel, unit = min(far, key=lambda each: far[each], default=(None, UNIT))
-    apart = [c for c in triads if accel is None or abs(c - accel) >= 3]
-    gyro = min(apart, key=lambda c: (abs(c - accel) if accel is not None else c, -c), default=None)
-    accel = next((c for c in apart if gyro is not None and c >= gyro + 3), None) if accel is None else accel
+    of: dict[str, list[int]] = {}
+    for letter, other in ("ga", "ag"):
+        named = [c for c in triads if set(sensors[c : c + 3]) == {letter}]
+        of[letter] = named or [c for c in triads if other not in sensors[c : c + 3]]
+    lengths = {c: median_length(values[:, c : c + 3]) for c in of["a"]}
+    # Triads fill a row from its beginning, or to its end; the accelerometer's own reading comes before what a program makes of it.
+    uneven = {c: 0 if (place := left.index(c)) % 3 == 0 else 1 + ((len(left) - place) % 3 > 0) for c in triads}
+    near = [(uneven[c], c, off, word) for c, length in lengths.items() for word, g in GRAVITY if (off := abs(length / g - 1)) < NEAR]
+    _, accel, _, unit = min(near, default=(0, None, 0.0, UNIT))
+    apart = [c for c in of["g"] if accel is None or abs(c - accel) >= 3]
+    gyro = min(apart, key=lambda c: (uneven[c], abs(c - accel) if accel is not None else 0, c), default=None)
+    accel = next((c for c in of["a"] if gyro is not None and abs(c - gyro) >= 3), None) if accel is None else accel
     if gyro is None and accel is None:
         return None
     entries = [] if time is None else [("t", "" if time in clocks else _unit("time", names[time], UNIT), time)]
@@ -459,6 +478,14 @@ def _suggested(lines: Sequence[str]) -> tuple[int, list[tuple[str, str, int]], l
     step = 0.0 if time is None or time in clocks else float(np.median(np.diff(values[:, time])))
     hz = {word: NS_PER_S / (step * TIME[word]) for word in ("s", "ms", "us", "ns") if step > 0}
     return count, entries, names, tuple(word for word in hz if SENSORS_HZ[0] <= hz[word] <= SENSORS_HZ[1])
+
+
+def _sensor(name: str) -> str:
+    """The sensor that a column's name may mean, ``g`` or ``a``, ``-`` for another, empty for a name that does not show it."""
+    name = plain(name_and_unit(name)[0])
+    if any(word in name for word in (*OTHERS, "quat", "euler")) or re.fullmatch("q[wxyz0-3]", name):
+        return "-"
+    return "g" if re.search("gy|gir|omega|rate|rot", name) else "a" if re.search("acc|force", name) else ""
 
 
 def _table(lines: Sequence[str], delimiter: str | None) -> tuple[np.ndarray, set[int], list[str]]:

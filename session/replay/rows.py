@@ -64,7 +64,7 @@ def span_of(lines: str | None) -> tuple[int, int]:
 EMPTY_CELLS = ("", "nan", "null", "none", "na", "n/a", "-")
 
 
-def _holds(cells: Sequence[str], columns: Collection[int]) -> bool:
+def holds(cells: Sequence[str], columns: Collection[int]) -> bool:
     """Whether a row has a reading in any of the columns, or does not have the columns: then it is torn, which its reader reports."""
     return any(column >= len(cells) or bare(cells[column]).lower() not in EMPTY_CELLS for column in columns)
 
@@ -73,7 +73,7 @@ def sparse(lines: Sequence[str], form: Form, kinds: Mapping[str, Collection[int]
     """The kinds of quantities, each with its columns, of a log whose first rows lack all readings of one of them again and again: a slower
     sensor's.  Empty where none is slower."""
     rows = [line.split(form.delimiter) for line in lines if line.strip() and not line.lstrip().startswith("#")]
-    held = {kind: sum(_holds(row, columns) for row in rows) for kind, columns in kinds.items()}
+    held = {kind: sum(holds(row, columns) for row in rows) for kind, columns in kinds.items()}
     if len(rows) < LEAST_ROWS or form.delimiter is None or min(held.values(), default=0) >= (1 - SHARE) * len(rows):
         return ()
     return tuple(kind for kind in kinds if held[kind] or kind != "temp")
@@ -98,7 +98,7 @@ class Rows:
     def __call__(self, lines: list[str]) -> list[str]:
         """The lines, with blanks in the place of rows that are not wanted: each line keeps its number."""
         if self._held:
-            lines = [line if _holds(line.split(self._delimiter), self._held) else "" for line in lines]
+            lines = [line if holds(line.split(self._delimiter), self._held) else "" for line in lines]
         if (self._word, self._width, self._column) == (None, None, None):
             return lines
         kept = [line if self._mine(line) else "" for line in lines]
@@ -167,10 +167,11 @@ def refuse_kinds(rows: Sequence[str], form: Form) -> None:
     kinds = Counter({word: count for word, count in words.items() if count > 1} | {kind: max(words[kind], 1) for kind in described})
     if len(kinds) < 2 or (not described and len(begun) < max(LEAST_ROWS, (1 - SHARE) * len(rows))):
         return
-    widths = {_width(row.split(form.delimiter or ",")) for word, row in begun if word in kinds}
-    if described or not form.header_line or max(widths) - min(widths) >= WIDER:
+    widths = {word: _width(row.split(form.delimiter or ",")) for word, row in begun if word in kinds}
+    if described or not form.header_line or max(widths.values()) - min(widths.values()) >= WIDER:
         named = [word for word, _ in kinds.most_common() if word not in (FORMAT_WORD, PARAMETER_WORD)]
-        meant = next((word for word in named if word.lstrip("$").upper().startswith(SENSOR_WORDS)), named[0])
+        longest = max(named, key=lambda word: widths.get(word, 0))
+        meant = next((word for word in named if word.lstrip("$").upper().startswith(SENSOR_WORDS)), longest)
         some = listed(named, 6)
         raise FormatError(f"{form.file}: rows of several kinds ({some}), by the words that they begin with; give --rows {meant}")
 

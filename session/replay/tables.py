@@ -24,7 +24,7 @@ from session.replay.dialects import TableLayout
 from session.replay.forms import TORN, form_of
 from session.replay.options import Answers
 from session.replay.recognise import recognise
-from session.replay.rows import Rows, Watch, in_head, place_of, row_word, sensor_kinds, span_of, sparse, word_of
+from session.replay.rows import Rows, Watch, holds, in_head, place_of, row_word, sensor_kinds, span_of, sparse, word_of
 
 #: characters that are looked through for the first rows of one kind: a flight controller writes its formats and parameters first
 MOST_HEAD = 16 * MB
@@ -177,6 +177,10 @@ class TableReader(Reader):
         kept = ["" if line.strip() == header else line for line in lines]
         if header and kept != lines:
             self._note("the header comes again (the logger was restarted?): left out")
+        held = [line if holds(line.split(self.layout.delimiter), self.layout.numbers) else "" for line in kept]
+        if self.layout.time is not None and held != kept:  # else each counts
+            self._note("rows without any reading: left out")
+            kept = held
         return super()._repaired(self._with_points(kept), number, last)
 
     def _has_decimal_commas(self, lines: list[str]) -> bool:

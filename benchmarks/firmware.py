@@ -89,10 +89,11 @@ def _random(registers: Registers, samples: int) -> np.ndarray:
 
 
 def _pytorch(model, chosen: Program, rate: np.ndarray) -> str:
-    """Largest difference in rad/s from the model in PyTorch, float32; none for physics, which is not in PyTorch."""
+    """What all differences in rad/s from the model in PyTorch, float32, are below: 1, 2 or 5 of a decimal; physics is not in PyTorch."""
     if not model.rates_only:
         return "–"
-    return f"{np.abs(_in_pytorch(model, rate) - chosen.run(Inputs.of(rate))).max():.7f}"
+    largest = np.abs(_in_pytorch(model, rate) - chosen.run(Inputs.of(rate))).max()
+    return f"< {next(step * 10.0**power for power in range(-9, 0) for step in (1, 2, 5) if step * 10.0**power > largest):.6f}"
 
 
 def _in_pytorch(model, rate: np.ndarray) -> np.ndarray:

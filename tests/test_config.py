@@ -1,8 +1,5 @@
 """session.toml: what it means, what is added to it, and that every complaint names file, key, expectation and value."""
 
-import tomllib
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from conftest import SESSION_TOML
@@ -12,7 +9,6 @@ from session.base.units import STANDARD_GRAVITY_MPS2
 from session.log.config import Accelerometer, LeftOut, StillByHand, read_config
 from session.log.folder import add_by_hand, add_notes, remove_by_hand
 from tinygc import CalibrationError
-from tinygc.reporting.html.markup import render
 
 
 def read(tmp_path, text):
@@ -180,26 +176,3 @@ def test_a_note_is_never_lost(tmp_path):
     with pytest.raises(FormatError, match=r'notes.operator is "Mara" already'):
         add_notes(path, {"operator": "Tom", "new": "y"})
     assert path.read_bytes() == before
-
-
-def test_sections_within_a_line_are_added_to(tmp_path):
-    path = file_of(tmp_path, 'notes = {a = "b"}\nexclude = []\n' + SESSION_TOML)
-    add_by_hand(path, LeftOut("log0001.csv", 12.5))
-    assert read_config(path).exclude == (LeftOut("log0001.csv", 12.5),)
-    add_notes(path, {"c": "d"})
-    assert read_config(path).notes == {"a": "b", "c": "d"}
-
-
-def test_a_header_within_a_text_is_no_header(tmp_path):
-    path = file_of(tmp_path, SESSION_TOML + '[other]\ntext = """\n[notes]\n"""\n')
-    add_notes(path, {"c": "d"})
-    assert read_config(path).notes == {"c": "d"}
-    assert tomllib.loads(path.read_text())["other"]["text"] == "[notes]\n"
-
-
-def test_the_report_shows_them_escaped():
-    config = SimpleNamespace(notes={"<b>who</b>": "<script>", "warm": True, "cold": False}, exclude=(LeftOut("<i>.csv", 3.0),), still=())
-    html = render("notes.html", config=config)
-    assert "<script>" not in html
-    assert "&lt;script&gt;" in html
-    assert "<dt>warm</dt><dd>yes</dd>" in html

@@ -13,14 +13,11 @@ from coached_hand import guide_of
 from conftest import Table, config
 from processes import PATIENCE_S
 from streams import INFO as BOARD_INFO
-from streams import frame_list, sent
-from test_stream_physics import HELLO, board_frame, faults_frame
 
 from session.base.errors import FormatError, OtherSensor
-from session.bench.board import NO_SENSOR, RESET_WORDS, BoardReporter
+from session.bench.board import RESET_WORDS, BoardReporter
 from session.bench.clocks import ClockRatio
-from session.bench.decoder import StreamDecoder
-from session.bench.events import FAULTS, TROUBLES, Event, Info, SampleChunk, starts_log
+from session.bench.events import FAULTS, Event, Info, SampleChunk
 from session.bench.guide import _ANY_TURN, Guide
 from session.bench.guided_session import (
     GuidedRecording,
@@ -134,26 +131,6 @@ def test_pulled_and_reset_anywhere(at, accepted):
         assert guide.accepted == 3 + accepted
         (warning,) = [change for change in said.changes if "a new log begins" in change.text]
         assert warning.at_s == pytest.approx(at * 50 / 208 if at > 4 else 0.0, abs=0.3)
-
-
-def test_a_port_that_is_gone_and_a_stream_that_is_none_are_said(monkeypatch):
-    def silent(port):
-        monkeypatch.setattr("session.bench.guided_session.SILENT_S", -1.0)
-
-    def wrong_baud(port):
-        port.decoder = SimpleNamespace(garbage=812, crc_errors=3)
-
-    def right_again(port):
-        monkeypatch.setattr("session.bench.guided_session.SILENT_S", 60.0)
-
-    remark = Event("comment", text="nothing answers at 0x68")
-    guide, said = led(Port([INFO, pulled, plugged, silent, remark, silent, INFO, wrong_baud, right_again, *chunks(SESSION)]))
-    why = [now.why for now in said.instructions]
-    assert "/dev/ttyACM0: Input/output error; it is tried again and again" in why
-    assert any("no bytes arrive: is the board sending?" in words for words in why)
-    assert any("the board reports: nothing answers at 0x68" in words for words in why)
-    assert any("812 bytes and 3 frames that are none: is the baud rate right?" in words for words in why)
-    assert guide.accepted == 3
 
 
 def test_a_board_that_says_nothing_of_its_ranges_is_not_guessed():
@@ -354,27 +331,6 @@ def test_resumed_after_turns_the_rest_has_its_own_log_and_no_turn_counts():
 # What the board reports of itself.
 
 
-def heard(*data):
-    """The lines of the messages and resets in a stream."""
-    words, said, decoder = BoardReporter(), [], StreamDecoder()
-    for event in decoder.feed(HELLO + b"".join(data)) + decoder.finish():
-        if starts_log(event):
-            said += words.was_reset()
-        elif event.kind not in ("info", "samples", *TROUBLES):
-            said += words.hear(event)
-    return said
-
-
-def test_a_fault_is_said_with_what_it_cost_and_what_to_do():
-    (said,) = heard(faults_frame(), faults_frame(hang=1, lost=12))
-    assert "hung (1×): 12 samples lost" in said
-    assert "wires" in said
-    (said,) = heard(faults_frame(crowded_out=5), faults_frame(crowded_out=5))
-    assert said.startswith("before this recording")
-    assert "5 samples lost" in said
-    assert "--baud" in said
-
-
 def test_what_a_board_has_counted_is_counted_once_over_connections():
     """A cable that was pulled, or --resume: the board goes on counting unless it was switched on again."""
     words, lines = BoardReporter(), []
@@ -391,37 +347,11 @@ def test_what_a_board_has_counted_is_counted_once_over_connections():
     assert [line.startswith("before this recording") for line in lines] == [True, False]
 
 
-def test_a_stand_in_is_said():
-    assert heard(board_frame(source=0, who=0), board_frame(source=0, who=0, baud=1)) == [NO_SENSOR]
-    assert heard(board_frame(source=1)) == []
-
-
 #: states of a board that streams its sensor: as switched on, behind its watchdog's reset, behind a fault of its core
 ON, HUNG, ASTRAY = 3, 3 | 8, 3 | 16
 
 
 WATCHDOG, FAULT = RESET_WORDS["watchdog"], RESET_WORDS["fault"]
-
-
-def restarted(*states):
-    """A board that starts again and again, each time with a status before its samples and two among them: their stamps begin anew."""
-    rows = b"".join(frame_list(*sent(1200, start_us=5000)))
-    return [board_frame(state=state) + rows[: len(rows) // 2] + board_frame(state=state) + rows[len(rows) // 2 :] for state in states]
-
-
-@pytest.mark.parametrize(
-    ("states", "says"),
-    [
-        ((ON, HUNG, HUNG), [WATCHDOG, WATCHDOG]),  # the second is said as well
-        ((ON, ASTRAY, HUNG, ASTRAY), [FAULT, WATCHDOG, FAULT]),
-        ((HUNG,), [WATCHDOG]),  # before this recording
-        ((ON, HUNG, ON, HUNG), [WATCHDOG, WATCHDOG]),  # somebody pressed its button between them
-        ((ON, ON), []),
-    ],
-)
-def test_what_each_reset_came_of_is_said_once(states, says):
-    assert heard(*restarted(*states)) == says
-    assert "since power-up" in WATCHDOG  # nothing is claimed of this recording
 
 
 def said(odr_hz):
@@ -441,13 +371,6 @@ def test_a_board_without_a_serial_number_is_another_where_its_rate_is_another():
         same.require_same(said(433.0 * 1.027))
     same.new_connection()
     same.require_same(said(433.0))
-
-
-def test_what_a_fault_cost_is_said_once_the_sensor_is_back_and_what_a_setting_cost_is_not():
-    away, back = heard(faults_frame(), faults_frame(hang=1), faults_frame(hang=1, starts=1, lost=40))
-    assert "no sample lost so far" in away
-    assert back == "the sensor is back: 40 samples lost"
-    assert heard(faults_frame(), faults_frame(starts=1), faults_frame(starts=1, lost=400)) == []
 
 
 # The coach.

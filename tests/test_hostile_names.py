@@ -85,14 +85,6 @@ def test_the_name_of_a_log_says_nothing_of_it(axes, folder, tmp_path, run):
     assert "stamps" not in said
 
 
-def test_what_a_log_says_of_itself_is_refused_before_it_is_written(folder, tmp_path, run):
-    log = folder / "log0001.csv"
-    lines = [f"{9600 * n},0.1,{n % 3},0.3,0,0,-1" for n in range(1000)]
-    log.write_text("\n".join(["# gyro_fs_dps=1e308 accel_fs_g=4", "t_us,gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g", *lines, ""]))
-    refused(run("import", log, "--out", tmp_path / "made"), "gyro_fs_dps", "not written")
-    assert not (tmp_path / "made").exists()
-
-
 def _commands():
     (commands,) = (action for action in parser()._actions if isinstance(action, argparse._SubParsersAction))
     return commands.choices

@@ -82,7 +82,7 @@ SCREENS = (
     Screen("check several", r"1 session, 0 fitted$", before="simulate --out several/one --segments 2 --closure 0 --odr-hz 62.5"),
     Screen("fit good", r"PASS: held-out turns close to [\d.]+° \(limit [\d.]+°\), closure run to [\d.]+°$", 21),
     Screen("fit good --methods least_squares --limit 0.001", r"FAIL: held-out turns close to", code=1, slow=True),
-    Screen("demo --out made", r"PASS: ", slow=True),
+    Screen("demo --out tried", r"PASS: ", slow=True),
     Screen("table list", r"grbl  ", 4),
     Screen("rates rates.csv", r"rates: a straight line; it leaves 0\.000135 V rms$", slow=True),
     Screen("fit array", r"3 units: closure 0\.\d+ to 0\.\d+° \(floor 0\.\d+°\); together 1\.\d+ × less noise$", before=ARRAY, slow=True),

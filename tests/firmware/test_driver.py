@@ -20,7 +20,6 @@ from driver_under_test import (
     CTRL9_XL,
     CTRL10_C,
     FAILS_LATE,
-    FAULTS,
     FIFO_CTRL1,
     FIFO_CTRL2,
     FIFO_CTRL3,
@@ -206,18 +205,6 @@ def test_a_sensor_that_resets_itself():
     assert len(streamed(0, 100)) >= 80
 
 
-def test_another_chip_in_its_place():
-    """Whose registers are as they were set: nobody has set another chip so."""
-    started()
-    registers()[WHO_AM_I] = LSM6DSO
-    assert len(streamed(0, 100)) == 0
-    assert faults() == {"identity": 1}
-    assert not library().running()
-    registers()[WHO_AM_I] = ASM330LHH
-    poll(10)
-    assert library().running()
-
-
 IF_INC, SIM = 0x04, 0x08  #: of CTRL3_C
 
 
@@ -317,20 +304,6 @@ def test_a_fifo_that_runs_over_amid_a_burst_drops_the_burst(lost):
         np.testing.assert_array_equal(after["registers"][:, :6], registers_of(after["number"] - before["number"][0]))
 
 
-@pytest.mark.parametrize(("bad", "starts"), [(3, 0), (4, 1)])
-def test_four_stamps_in_a_row_that_do_not_go_on_start_the_sensor_again(bad, starts):
-    started()
-    streamed(0, 64)
-    discard()
-    words = slots(64, 32)  # a burst, whose last slot is not over yet
-    words[3 * (31 - bad) + 2 : 3 * 31 : 3, 4] ^= 0x40
-    push(words)
-    poll(1)
-    streamed(96, 32)
-    assert faults().get("starts", 0) == starts
-    assert faults()["stamp"] == bad + starts  # the start has its reason
-
-
 # Limits of time, and what a sensor has not.
 
 
@@ -376,44 +349,6 @@ def test_no_poll_takes_more_than_5_ms_and_none_waits(behaviour):
             place += 10
         assert number("longest_us").value <= LONGEST_POLL_US
         assert number("waits").value == 0
-
-
-def test_a_freq_fine_that_was_misread_is_no_start():
-    """It is read on either side of the registers, and would be in every stamp."""
-    assert attached().start() == NONE
-    first_us, second_us = (t_us for access, t_us in zip(accesses(), accessed_us(), strict=True) if access[0] == 0x80 | FREQ_FINE)
-    lib = attached()
-    put(turned=FREQ_FINE, turned_bits=0x10, turned_until_us=(first_us + second_us) // 2)
-    assert lib.start() == FAULTS.index("changed")
-    assert lib.start() == NONE
-
-
-@pytest.mark.parametrize(("held_ms", "behind"), [(20, 350), (100, 840), (700, 0)])
-def test_a_core_that_is_held_amid_a_look_at_the_level_restarts_no_sound_sensor(held_ms, behind):
-    """What the look says is of an unknown time: it ends no window of the rate, and no words is no silence.  The FIFO holds 87 ms."""
-    started()
-    streamed_by_time(0, 1600 + behind)
-    put(held_us=1000 * held_ms)
-    poll(1)
-    lost = max(0, int(held_ms * 1.667) - 140)
-    if lost:
-        discard()
-        put(overrun=1)
-    place = 1600 + behind + lost
-    made = (int(held_ms * 1.667) - lost) // 10 * 10
-    push(slots(place, made))
-    poll(6)
-    streamed_by_time(place + made, 2000)
-    assert not {"rate", "starts", "silent", "stamp"} & faults().keys()
-    assert (faults().get("lost", 0) > 0) == (lost > 0)
-
-
-def test_a_reset_that_does_not_end_is_said():
-    lib = attached()
-    put(turned=CTRL3_C, turned_bits=0x01)
-    assert lib.start() == FAULTS.index("reset")
-    assert 100_000 < number("now_us").value < LONGEST_START_US
-    assert faults() == {"reset": 1}
 
 
 # The rate that arrives.
@@ -486,10 +421,6 @@ def test_the_sensors_clock_against_the_targets(milliseconds, wrong):
 # Settling.
 
 
-#: samples to discard at 12.5, 26, 52, 104, 208, 416, 833 Hz: ST's Linux driver st_asm330lhhx
-GYRO_SLOTS = (2 + 1, 3 + 2, 3 + 4, 3 + 7, 3 + 15, 3 + 30, 3 + 58)
-
-
 LPF1 = {
     0: (0, 0, 0, 0, 0, 2, 3),
     1: (0, 0, 0, 0, 1, 2, 4),
@@ -503,25 +434,8 @@ LPF1 = {
 }
 
 
-LPF2 = {2: 0, 4: 0, 10: 10, 20: 19, 45: 38, 100: 75, 200: 150, 400: 296, 800: 595}
-
-
 def unsettled(odr, lpf1=0xFF, lpf2=2, fine=0):
     return library().unsettled(odr, lpf1, lpf2, fine)
-
-
-def test_no_fewer_slots_are_left_out_than_sts_driver_leaves_out_and_hardly_more():
-    """Two more at most: each of the two times is rounded up, where ST rounds as it likes.  Above 833 Hz the time stays and slots double."""
-    for lpf1, slots_of in LPF1.items():
-        for odr, (start, filtered) in enumerate(zip(GYRO_SLOTS, slots_of, strict=True), 1):
-            assert start + filtered <= unsettled(odr, lpf1) <= start + filtered + 2
-        for odr in range(7, 10):
-            assert unsettled(odr + 1, lpf1) == pytest.approx(2 * unsettled(odr, lpf1) - 3, abs=3)
-    for lpf2, slots_of in LPF2.items():  # the longer one of both sensors counts
-        for odr in range(1, 11):
-            assert unsettled(odr, lpf2=lpf2) == max(unsettled(odr), 2 + slots_of)
-    assert unsettled(10, fine=127) / unsettled(10) == pytest.approx(1.19, abs=0.01)  # a quicker oscillator, for the same time
-    assert unsettled(10, fine=-128) / unsettled(10) == pytest.approx(0.81, abs=0.01)
 
 
 @pytest.mark.parametrize(("odr", "longer"), [(3, 1.05), (5, 1.5), (8, 1.2), (10, 2.0)])
@@ -619,20 +533,6 @@ def test_a_part_that_does_not_lie_still_is_nothing_measured():
     for lsb, failed in ((200, 0), (300, NOTHING_MEASURED)):
         put(shaken=lsb)
         assert self_tested().failed == failed
-
-
-@pytest.mark.parametrize(
-    ("dps_per_s2", "pushed", "failed"),
-    [(-900, 12, NOTHING_MEASURED), (-100, 9, NOTHING_MEASURED), (100, 6, NOTHING_MEASURED), (-60, 8, 0x07), (60, 9, 0)],
-)
-def test_a_table_that_accelerates_is_nothing_measured_or_changes_no_verdict(dps_per_s2, pushed, failed):
-    """The force's change is against what is measured on either side of it: a turn that grows slowly and evenly leaves it as it is."""
-    started(settles=False)
-    put(pushed=pushed, ramp=round(dps_per_s2 / 0.070), now_us=0)  # the table's rate is that of the fake's time
-    found = self_tested()
-    assert found.failed == failed
-    if failed != NOTHING_MEASURED:
-        assert list(found.gyro_dps) == pytest.approx([pushed * 256 * 0.070] * 3, abs=0.3)
 
 
 def test_the_serial_number_is_the_crc_of_the_chips_id_and_never_0():

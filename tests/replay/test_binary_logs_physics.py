@@ -4,7 +4,6 @@ import importlib
 import re
 import struct
 import sys
-from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
@@ -350,21 +349,6 @@ def test_the_layout_agrees_with_rosbags_on_every_number_of_an_imu():
 )
 def test_a_stamp_is_in_the_unit_of_its_name_or_of_its_package(kind, path, ns):
     assert ros.fields_of(["gyro.x", "gyro.y", "gyro.z", path], kind).stamp == ((path, ns),)
-
-
-@pytest.mark.parametrize(("letters", "refused"), [(99, False), (100, True)])
-def test_the_path_of_a_number_has_at_most_300_letters(letters, refused):
-    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    store.register(get_types_from_msg(f"float64 {'b' * letters}", "my/msg/Inner"))
-    store.register(get_types_from_msg(f"my/Inner {'a' * 200}", "my/msg/Outer"))
-    make = partial(ros.Layout, Path("a.bag"), dict(store.fielddefs), "my/msg/Outer", cdr=True)
-    if refused:
-        with pytest.raises(ValueError, match="more than 300 letters"):
-            make()
-    else:
-        assert make().paths == [f"{'a' * 200}.{'b' * letters}"]
 
 
 # ArduPilot.

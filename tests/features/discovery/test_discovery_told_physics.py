@@ -13,7 +13,6 @@ from formats_page import strangers
 from html_pages import parsed
 
 import calibrate
-from session.base.errors import FormatError
 from session.base.records import json_text
 from session.base.units import DEG
 from session.log.folder import sha256_of
@@ -201,23 +200,3 @@ def test_the_report_has_a_laws_equation_its_evidence_its_picture_and_how_to_use_
     again(tmp_path, table)
     (tmp_path / "explain" / "discover.svg").write_bytes(b"no picture")
     assert not re.search("<script|<img", html_of(tmp_path))
-
-
-@pytest.mark.parametrize(
-    ("key", "value", "says"),
-    [
-        ("parameters", {"dps": [1, 2]}, "dps has shape 2, expected 3 numbers"),
-        ("std", {"other": [1, 2, 3]}, "std is not of its parameters"),
-        ("held_out", [{}], "before_deg is missing"),
-        ("equation", None, "equation is null, expected text"),
-        ("runners_up", [3], "is 3, expected a table"),
-    ],
-)
-def test_what_is_no_discovery_is_refused_in_one_line(key, value, says, tmp_path):
-    table = explained(tmp_path, found(law_of(*ZONE)))
-    table["discovery"]["laws"][0][key] = value
-    again(tmp_path, table)
-    with pytest.raises(FormatError, match=re.escape(says)) as caught:
-        Evidence(tmp_path)
-    assert "explain.json" in str(caught.value)
-    assert "explain again, or remove it" in str(caught.value)

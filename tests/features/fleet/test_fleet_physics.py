@@ -22,7 +22,7 @@ from session.base.errors import FormatError, StorageError
 from tinygc import CalibrationError, check, fit
 from tinygc.explanation.engine import explain_session
 from tinygc.features.fleet.fleet_row import COLUMNS, FIGURES, LONG, FleetOptions, Job, _failing_at, compute, key_of
-from tinygc.features.fleet.fleet_run import Processes, listed_folders, run_fleet, session_folders
+from tinygc.features.fleet.fleet_run import Processes, run_fleet, session_folders
 from tinygc.features.fleet.fleet_summary import fleet_html, results_of, summarise, to_check, write_csv
 from tinygc.features.fleet.fleet_table import EACH, VERSION, open_table, read_table
 
@@ -207,18 +207,6 @@ def test_an_unforeseen_error_fails_one_row_and_not_the_fleet():
         raise MemoryError
 
 
-def test_a_folder_that_cannot_be_read_has_no_key_and_is_tried_again(fleet, tmp_path):
-    gone = tmp_path / "gone"
-    for there in (False, True):
-        if there:
-            shutil.copytree(fleet / "unit0", gone)
-        with open_table(tmp_path / "out") as table:
-            tally = run_fleet(listed_folders([f"{gone}\n", "\n", "a\0b\n"]), table, Here(), QUICK)
-        assert (tally.failed, tally.done) == (2 - there, there)
-    lines = {error and error.split(": ")[-1] for (error,) in asked(tmp_path / "out", "SELECT error FROM folders")}
-    assert lines == {None, "is no name of a folder; expected a session folder"}
-
-
 # The table.
 
 
@@ -283,43 +271,6 @@ def test_a_full_disk_keeps_what_is_finished_and_says_so(fleet, tmp_path):
         run_fleet(session_folders([fleet]), table, Full(), QUICK)
     assert asked(out, "SELECT count(*) FROM results") == [(1,)]
     assert ran(fleet, out)[1] == ["unit1", "unit2"]
-
-
-@pytest.mark.parametrize("anew", [False, True])
-def test_a_table_that_is_taken_away_ends_the_run(fleet, tmp_path, monkeypatch, anew):
-    """Within seconds, also while no session finishes."""
-    monkeypatch.setattr("tinygc.features.fleet.fleet_table.WATCH_S", 0.0)
-    out = tmp_path / "out"
-
-    class Idle(Here):
-        def finished(self):
-            shutil.rmtree(out, ignore_errors=True)
-            if anew:
-                out.mkdir()
-                (out / NAME).touch()
-            return []
-
-    with pytest.raises(StorageError, match="was removed or replaced during the run"):
-        ran(fleet, out, executor=Idle())
-
-
-@pytest.mark.parametrize(
-    ("table", "spoil", "named"),
-    [
-        ("results", "floor_deg = 9e999", "floor_deg"),
-        ("results", "status = 'failed', error = NULL", "error"),
-        ("results", "serial = x'00'", "serial"),
-        ("results", "segments = 'many'", "segments"),
-        ("folders", "key = NULL, error = NULL", "error"),
-        ("durations", "cpu_s = 'long'", "cpu_s"),
-    ],
-)
-def test_an_edited_table_ends_a_run_in_one_line(out, run, table, spoil, named):
-    asked(out, f"UPDATE {table} SET {spoil}")
-    code, _, err = run("fleet", "--out", out)
-    assert code == 2
-    assert err.count("\n") == 1
-    assert f"holds what fleet does not write ({named}); delete it" in err
 
 
 def test_csv_has_a_line_for_each_folder(out, fleet):
@@ -434,18 +385,6 @@ def test_a_process_that_is_killed_loses_nothing_and_one_that_always_is_fails_alo
     assert others[0] == others[1]
     assert ran(fleet, tmp_path, FIT, retry=True)[1] == ["unit1"]
     assert content(tmp_path) == content(whole)
-
-
-@posix
-def test_processes_that_cannot_begin_are_said(fleet):
-    pool = Processes(1)
-    try:
-        pool.submit(Job(str(fleet / "unit0"), "", QUICK))
-        os.kill(pool._workers[0].process.pid, signal.SIGKILL)
-        with pytest.raises(CalibrationError, match="a process ended before it could begin"):
-            pool.finished()
-    finally:
-        pool.close()
 
 
 def rows_of(out):

@@ -20,8 +20,7 @@ from tinygc.closure.uncertainty import covariance_parts, goodness
 from tinygc.estimation.options import FitOptions
 from tinygc.estimation.stated_noise import stated_covariance, stated_goodness, stated_noise
 from tinygc.features.fleet import fit as lots_fit
-from tinygc.features.fleet.feature import prior
-from tinygc.features.fleet.fit import LEAST, LotFile, _belonging, _require_usable, farthest, prior_of
+from tinygc.features.fleet.fit import LEAST, LotFile, _belonging, farthest, prior_of
 from tinygc.features.fleet.lot import (
     FAMILY_P,
     NAMES,
@@ -382,20 +381,6 @@ def test_a_session_that_sees_nothing_leaves_what_was_probable_before():
     assert _belonging(PRIOR2, np.zeros(2), np.zeros((2, 2)), np.zeros((2, 2))) == (0.97, 0.0, 0, 1.0)
 
 
-@pytest.mark.parametrize(
-    ("changes", "says"),
-    [
-        ({"sensor": "LSM6DSO"}, "a lot of LSM6DSO, and the session's sensor is ASM330LHH"),
-        ({"units": 9}, "a lot of 9 units, expected at least 10"),
-        ({"mean": np.full(21, np.nan)}, "has none of the gyroscope's 12 numbers"),
-        ({"spread": np.full(21, np.nan)}, "has none of the gyroscope's 12 numbers"),
-    ],
-)
-def test_a_lot_that_tells_nothing_of_this_sensor_is_refused(changes, says):
-    with pytest.raises(CalibrationError, match=says):
-        _require_usable(lot(**changes), "ASM330LHH", "lot.json")
-
-
 # The fit with a lot: what is judged, the thresholds, and the mixture of both.
 
 
@@ -562,9 +547,3 @@ def test_four_turns_fit_with_a_lot_and_a_unit_that_does_not_belong_is_left_alone
     assert strangers(table) == []
     assert (table["lot"]["file"], len(table["lot"]["hash"])) == ("lot.json", 64)
     assert max(table["lot"]["share"]) > 0.5
-
-
-@pytest.mark.parametrize(("options", "says"), [({"physics": "auto"}, "--physics fits"), ({"bias_per_log": True}, "bias_per_log fits")])
-def test_options_without_a_prior_are_refused(options, says):
-    with pytest.raises(CalibrationError, match=f"{says} without a lot's prior"):
-        prior(FitOptions(**options, lot="lot.json"), "ASM330LHH")

@@ -14,7 +14,7 @@ from processes import CALIBRATE, DEVNULL, PIPE, heard, refused, started
 from table_recordings import table_toml
 
 from tinygc.cli.arguments import joined, options_of, parser
-from tinygc.features.tables.machines.makes import makes, template
+from tinygc.features.tables.machines.makes import template
 
 
 @pytest.fixture
@@ -28,14 +28,6 @@ def table(tmp_path, monkeypatch):
     )
     (tmp_path / "table.toml").write_text(text)
     return tmp_path / "table.toml"
-
-
-def test_makes_are_listed(run, tmp_path):
-    code, out, _ = run("table", "list", "--json", tmp_path / "makes.json")
-    assert code == 0
-    told = json.loads((tmp_path / "makes.json").read_text())
-    assert [row["name"] for row in told["makes"]] == list(makes()) == [line.split()[0] for line in out.splitlines()]
-    assert not strangers(told)
 
 
 def test_a_description_is_printed_and_checked(run, tmp_path, monkeypatch):

@@ -309,25 +309,6 @@ def test_each_field_that_is_missing_leaves_a_draft_and_is_named(data):
     assert "the recording is simulated: truth.json is in its folder" in bare.draft
 
 
-ISSUED = "calibrated = 2026-11-20\nissued = 2026-11-23"
-
-
-@pytest.mark.parametrize(
-    ("change", "says"),
-    [
-        (("due = 2027-05-31", "due = 2026-11-19"), "equipment was overdue on the day of the calibration: Equipmentword"),
-        ((ISSUED, "issued = 2026-11-19"), "issued is 2026-11-19, before calibrated, 2026-11-20"),
-        ((f"received = 2026-11-16\n{ISSUED[:23]}", "received = 2026-11-21"), "calibrated is 2026-11-20, before received, 2026-11-21"),
-        (('source = "sensor"', 'source = "stand-in"'), ".*no sensor"),
-    ],
-)
-def test_fields_that_do_not_go_together_leave_a_draft(data, change, says):
-    text = FIELDS.replace(*change)
-    assert text != FIELDS
-    (why,) = Certificate(with_fields(data, text)).draft
-    assert re.match(says, why)
-
-
 def test_what_the_recording_lacks_leaves_a_draft(made, data, tmp_path):
     assert Certificate(with_fields(data, serial="")).missing == ("sensor.serial",)
     assert Certificate(changed(made, model_given=False)).missing == ("sensor.model",)

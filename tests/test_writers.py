@@ -233,11 +233,11 @@ BY_NAME |= {"copy2", "copyfile", "copytree", "shutil.copy", "shutil.move", "os.r
 LASTS = {name.rpartition(".")[2] for name in BY_NAME} | {"open"}
 #: a file without such a call need not be parsed: of a text, ``replace`` has two arguments
 CANDIDATE = re.compile(rf"\b({'|'.join(LASTS - {'replace'})})\(|\.replace\((?![^,\n()]*,)")
-#: who gives a recording's own file another name, moves within a folder that is being made, or cuts off a half line
+#: who gives a recording's own file another name, moves within a folder that is being made, makes one of a new name, or cuts off a half line
 ELSEWHERE = {
     "tinygc/features/tables/machines/angles.py": {"os.truncate"},
     "session/bench/logwriter.py": {"rename"},
-    "session/bench/rawfile.py": {"rename"},
+    "session/bench/rawfile.py": {"rename", "tempfile.mkdtemp"},
     "session/replay/convert.py": {"rename"},
     "session/detect/repair.py": {"rename"},
 }

@@ -215,7 +215,9 @@ def changed(data, **parts):
 
 def limited(data):
     fit = data.fit
-    return decide(data.adopted, [run.file for run in fit.runs], None, fit.against_raw, fit.accelerometer, [], fit.session.config.requirements)
+    return decide(
+        data.adopted, [run.file for run in fit.runs], None, fit.against_raw, fit.accelerometer, [], fit.session.config.requirements
+    )
 
 
 # What is on it

@@ -65,14 +65,22 @@ def test_the_tables_of_the_measured_page_all_stand_below_their_command():
     assert len(MEASURED) > 10
 
 
+def test_a_benchmark_that_a_page_names_exists_with_its_options_and_has_a_date():
+    pages = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "docs").rglob("*.md"))
+    named = re.findall(r"`python (benchmarks/[^`]*)`(.{0,20})", pages)
+    assert len(named) > 30
+    for command, behind in named:
+        script, *words = shlex.split(command)
+        options = {word for word in words if re.fullmatch(r"--[\w-]+|[a-z]+", word)}
+        assert options <= constants(ROOT / script)[0], command
+        assert re.match(r" \(\d+ \w+ \d{4}\)", behind), command
+
+
 @pytest.mark.parametrize(("page", "found"), MEASURED)
-def test_a_measured_table_has_a_command_that_exists_and_prints_its_head(page, found):
-    command, _, _, tables = found.groups()
-    script, *words = shlex.split(command)
-    folder, paper = ROOT / script, sorted((ROOT / "benchmarks" / "paper").glob("*.py"))
-    texts, lists = map(set().union, *map(constants, [folder, *(paper if "paper" in script else [])]))
-    assert {word for word in words if word.startswith("--") or word.isalpha()} <= texts | {"table1", "table3"}
-    for table in make_outputs.TABLE.finditer(tables):
+def test_a_measured_table_has_the_head_that_its_benchmark_prints(page, found):
+    script = found[1].split()[0]
+    lists = set().union(*(constants(path)[1] for path in [ROOT / script, *(ROOT / "benchmarks" / "paper").glob("*.py")]))
+    for table in make_outputs.TABLE.finditer(found[4]):
         assert tuple(cell.strip() for cell in table[1].strip().strip("|").split("|")) in lists
         assert {line.count("|") for line in table[0].splitlines()} == {table[1].count("|")}
 

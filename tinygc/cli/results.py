@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import io
 import os
 import select
 import shutil
@@ -11,12 +12,14 @@ import signal
 import sys
 import tempfile
 import textwrap
+from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any
 
+from session.base.console import one_line
 from session.base.errors import CalibrationError
 from session.base.files import is_stream, refuse_link
 from session.base.names import refuse_recorded
@@ -252,7 +255,7 @@ def standard_output() -> Iterator[None]:
         raise
 
 
-# Several session folders for one command: each is processed separately, a failure does not stop the others, and a table ends the output.
+# Several session folders for one command: each is processed separately, and a failure does not stop the others.
 
 
 @dataclass(frozen=True)
@@ -268,19 +271,22 @@ class Done:
     runs_deg: tuple[float, ...] = ()
 
 
-def run_each(args: Any, one: Callable[[Any], Done], schema: str, title: str) -> int:
+def run_each(args: Any, one: Callable[[Any], Done], schema: str, what: str, last: Callable[[list[Path]], str]) -> int:
     """Run ``one`` for each folder, with ``--out DIR`` as DIR/NAME; the exit code is the worst of them.
 
-    Raises CalibrationError, before any work, where two results would have the same path.
+    The answers of all come first; what each prints follows with ``--verbose`` alone.  what: was done; last: the last line, of the folders
+    that did not fail.  Raises CalibrationError, before any work, where two results would have the same path.
     """
     from tinygc.reporting import terminal
     from tinygc.reporting.tables import degrees_text, outcomes_table
 
-    folders, entries, rows, worst = list(dict.fromkeys([args.folder, *args.more])), [], [], 0
+    folders, entries, rows, screens, worst = list(dict.fromkeys([args.folder, *args.more])), [], [], [], 0
     places = _places(args, folders)
     for folder in folders:
+        screen = io.StringIO()
         try:
-            done = one(replace(args, folder=folder, more=(), out=places.get(folder), of_several=True))
+            with contextlib.redirect_stdout(screen):
+                done = one(replace(args, folder=folder, more=(), out=places.get(folder), of_several=True))
         except (CalibrationError, OSError) as error:
             label = str(error) if isinstance(error, CalibrationError) else f"{error.filename or folder}: {error.strerror or error}"
             code = error.exit_code if isinstance(error, CalibrationError) else 2
@@ -292,8 +298,17 @@ def run_each(args: Any, one: Callable[[Any], Done], schema: str, title: str) -> 
             entries.append({"folder": str(folder), "exit_code": code, "error": None, "result": done.table})
             runs = ", ".join(f"{run:.4f}" for run in done.runs_deg)
             rows.append((str(folder), degrees_text(done.held_out_deg), degrees_text(done.floor_deg), runs or "–", done.words))
+            screens.append(f"\n{folder}\n{screen.getvalue()}")
         worst = max(worst, code)
-    terminal.output(is_standard_output(args.json)).print(outcomes_table(title, rows))  # also with --quiet
+    finished = [folder for folder, entry in zip(folders, entries, strict=True) if entry["error"] is None]
+    counted = ", ".join(f"{count} {words}" for words, count in Counter(words for *_, words in rows).items())
+    console = terminal.output(is_standard_output(args.json))
+    console.print(f"{len(finished)} of {len(folders)} {what}: {counted}")  # also with --quiet
+    console.print(outcomes_table(rows))
+    if finished:
+        output(args).print(one_line(last(finished)))
+    if getattr(args, "verbose", False):
+        output(args).print(terminal.Text("".join(screens).rstrip()))
     write_json(args.json, {"schema": schema, "sessions": entries})
     return worst
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from session.base import features
 from session.base.options import argument, folder_written, option, part
+from session.base.texts import command_line
 from session.replay.options import GROUP, Answers, Place
 from tinygc.cli.defaults import defaults_json, limit_text
 from tinygc.cli.logs import of_session
@@ -36,7 +37,7 @@ def run(args: Options) -> int:
     """Fit models to a session and report closure figures; several sessions are fitted separately."""
     args, read_as = of_session(args)
     if args.more:
-        return run_each(args, _fit, "tinygc-fits/1", "Fits, degrees: held-out tilt rms, RMSE of each closure run")
+        return run_each(args, _fit, "tinygc-fits/1", "fitted", lambda folders: f"next: {command_line('report', *folders)}")
     done = _fit(args, read_as)
     write_json(args.json, done.table)
     return done.code

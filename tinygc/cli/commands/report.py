@@ -36,7 +36,7 @@ def run(args: Options) -> int:
         ask(args)
     if args.out is not None:
         raise CalibrationError("--out names one file; of several folders each gets its report.html in it: leave --out out")
-    return run_each(args, _report, "tinygc-reports/1", "Reports, degrees: held-out tilt rms, RMSE of each closure run")
+    return run_each(args, _report, "tinygc-reports/1", "reported", lambda _: "written: report.html in each folder")
 
 
 def _report(args: Options) -> Done:

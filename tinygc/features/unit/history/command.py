@@ -51,11 +51,11 @@ def run(args: Options) -> int:
 
 def _compare(args: Options) -> int:
     """Compare the calibrations of several sessions."""
-    args.refuse_with("--compare", "compare", "bias")
+    args.refuse_with("--compare", "compare", "bias", "all")
     from tinygc.features.unit.history.comparison import compare, verdict_line
 
     found = compare(args.sessions, bias=args.bias)
-    output(args).print(found.page)
+    output(args).print(found.screen(args.all))
     verdict(args, verdict_line(found))
     write_json(args.json, found.to_json())
     return 0 if found.agree else 1

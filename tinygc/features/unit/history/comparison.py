@@ -55,7 +55,6 @@ QUANTITIES = NUMBERS[:GYROSCOPE]
 LEAST_SHARE = 0.01
 #: a change of at least so many sigmas is marked
 MARKED = 3.0
-MOST_MOVED = 5
 
 
 @dataclass(frozen=True)
@@ -115,8 +114,12 @@ class Compared(Shown):
     @property
     def page(self) -> Group:
         """The command's output as a rich renderable."""
+        return self.screen()
+
+    def screen(self, everything: bool = False) -> Group:
+        """The same; everything: with the accelerometers' numbers where they differ."""
         notes = [one_line(f"Note: {note}.", "yellow") for note in self.notes]
-        return Group(*_verdict(self), _table(self), *_triads(self), *notes)
+        return Group(*_verdict(self), *notes, _table(self), *_triads(self, everything))
 
     def to_json(self) -> dict:
         """``tinygc-compare/2`` (docs/formats.md)."""
@@ -286,19 +289,22 @@ def _table(found: Compared) -> Table:
     return Table("Value ± one sigma; the largest difference in sigmas", ["", *names, "sigmas"], rows, minor=range(2, len(names) + 1))
 
 
-def _triads(found: Compared) -> list[Text | Table]:
-    """Whether the accelerometers agree, and where not, their numbers."""
+def _triads(found: Compared, everything: bool) -> list[Text | Table]:
+    """Whether the accelerometers agree, and where not, their numbers or how they are shown."""
     if found.triads is None:
         return [Text("The accelerometers were not both estimated, and are not compared.")]
     if found.triads.p_value >= DIFFERS_P:
         return [Text(f"Accelerometers agree ({probability(found.triads.p_value)}).")]
+    differ = Text(f"ACCELEROMETERS DIFFER ({probability(found.triads.p_value)}).", "bold red")
+    if not everything:
+        return [differ, Text("next: --all shows their numbers")]
     rows = []
     for word, component, unit, values, sigmas in _side_by_side(found.sessions, [s.triad.errors() for s in found.sessions]):
         cells = ["not observed" if value is None else measured(value, sigma) for value, sigma in zip(values, sigmas, strict=True)]
         rows.append([f"{word} {component}, {unit}", *cells])
     header = ["", *(s.name for s in found.sessions)]
     table = Table("Accelerometers: value ± one sigma", header, rows, minor=range(2, len(header)))
-    return [Text(f"ACCELEROMETERS DIFFER ({probability(found.triads.p_value)}).", "bold red"), table]
+    return [differ, table]
 
 
 def verdict_line(found: Compared) -> Text:
@@ -306,18 +312,16 @@ def verdict_line(found: Compared) -> Text:
     what, p = "scale factors, misalignments" + ", biases" * found.with_bias, probability(found.p_value)
     if found.agree:
         return Text(f"AGREE: {what} ({p}).", "bold green")
-    return one_line(f"DIFFER: {_moved_words(found.moved[0]) if found.moved else what} ({p}).", "bold red")
-
-
-def _moved_words(moved: Moved) -> str:
-    by = f"{'+' if moved.by > 0 else ''}{significant(moved.by)} {moved.unit}"
-    return f"{moved.name} {moved.component} of {moved.session} by {by}, {abs(moved.sigmas):.0f} sigmas"
+    if found.moved:
+        moved, more = found.moved[0], len(found.moved) - 1
+        of = f" of {moved.session}" * (len(found.sessions) > 2)
+        what = f"{moved.name} {moved.component}{of} by {'+' if moved.by > 0 else ''}{significant(moved.by)} {moved.unit}"
+        what += f", {abs(moved.sigmas):.0f} sigmas" + f", and {more} more" * bool(more)
+    return one_line(f"DIFFER: {what} ({p}).", "bold red")
 
 
 def _verdict(found: Compared) -> list[Text]:
-    lines = [verdict_line(found), *(one_line(f"  {_moved_words(moved)}") for moved in found.moved[1:MOST_MOVED])]
-    if len(found.moved) > MOST_MOVED:
-        lines.append(Text(f"  and {len(found.moved) - MOST_MOVED} more"))
+    lines = [verdict_line(found)]
     if not found.agree and not found.moved:
         lines.append(Text("  no single one stands out: several moved a little, together"))
     if not found.with_bias:

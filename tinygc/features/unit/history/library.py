@@ -51,7 +51,7 @@ class History(Kept):
     def screen(self, everything: bool = False) -> Group:
         """The same; everything: with the accelerometer's numbers and the values of each session."""
         units = zip(self.units, self.outlooks, strict=True)
-        parts = [part for unit, outlooks in units for part in unit_facts(unit, outlooks, everything)]
+        parts = [part for unit, outlooks in units for part in unit_facts(unit, outlooks, everything, len(self.units) == 1)]
         return screen([*parts, *self.remarks])
 
     @property

@@ -37,11 +37,14 @@ MOST_COLUMNS = 4
 HIDDEN = 30.0
 
 
-def unit_facts(history: UnitHistory, outlooks: Sequence[Outlook], everything: bool = True) -> list[Part]:
-    """What stands of one unit: the answer, then the gyroscope's numbers; everything: all numbers, and those of each session."""
+def unit_facts(history: UnitHistory, outlooks: Sequence[Outlook], everything: bool = True, alone: bool = True) -> list[Part]:
+    """What stands of one unit: the answer, then the gyroscope's numbers; everything: all numbers, and those of each session; alone: else
+    its tables are shown with everything."""
     parts: list[Part] = [one_line(outlook_line(each), each.of.style) for each in outlooks]
     parts += [one_line(line, "" if outlooks else "bold") for line in summary_lines(history)]
     parts += lines(history, everything)
+    if not (everything or alone):
+        return parts
     shown, count = history.numbers if everything else history.numbers[:GYROSCOPE], len(history.sessions)
     if count > 1:
         header = ("", "last", "scatter", f"drift a {history.drift_time}", "step")

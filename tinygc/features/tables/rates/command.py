@@ -19,6 +19,7 @@ class Options(Columns, Pictures, Command):
         "a CSV of rates and mean outputs, or a folder with rates*.csv, table.toml and table.csv",
         metavar="FILE|DIR",
     )
+    verbose: bool = option(False, "print all numbers of several sensors, and what other laws leave")
     out: Path | None = option(None, "where rates.json, rates.html and rates.svg go", metavar="DIR", read=folder_written)
 
 
@@ -30,6 +31,6 @@ def run(args: Options) -> int:
     try_destinations(args.out, args.json)
     with progress_bar(args.quiet) as progress:
         found = estimate_rates(args.source, progress=progress, **values(args, Columns))
-    output(args).print(found.page)
+    output(args).print(found.screen(args.verbose))
     keep(args, found, args.out, FILE, PAGE, PICTURE)
     return 0

@@ -129,6 +129,8 @@ def curve_words(curve: str) -> str:
 
 # Screen and page: what stands of each sensor, with its charts.
 
+#: terms that a screen of several sensors shows
+FIRST = ("scale", "offset", "nonlinearity", "hysteresis")
 #: rates at which a law is drawn
 DRAWN = 401
 
@@ -224,11 +226,17 @@ class Rates(Kept):
     @property
     def page(self) -> Group:
         """The command's output, as a rich renderable."""
-        parts: list[Part] = []
+        return self.screen()
+
+    def screen(self, everything: bool = False) -> Group:
+        """The same; everything: what other laws leave as well, and of several sensors all numbers."""
+        parts, brief = list[Part](), len(self.choices) > 1 and not everything
         for choice in self.choices:
             known = [row for row in terms(choice) if row.value is not None or row.at_most is not None]
-            parts += [one_line(headline(choice), "bold"), *law_lines(choice), _terms_table(known), ""]
-        return screen(parts[:-1])
+            shown = [row for row in known if row.key in FIRST] if brief else known
+            law = [] if brief else lines(choice) if everything else law_lines(choice)
+            parts += [one_line(headline(choice), "bold"), *law, _terms_table(shown)]
+        return screen([*parts, *["--verbose shows all numbers"] * brief])
 
     def to_json(self) -> dict:
         """``tinygc-rates/1`` (docs/formats/tables.md)."""

@@ -72,7 +72,7 @@ SCREENS = (
     Screen("fleet good --out fleet --only check,fit", r"1 (PASS|FAIL|NOT DECIDED): 1 session of 1 serial number\.", slow=True),
     Screen("temperature good --out thermal", r"Scale is that of \d+ °C everywhere: add sessions at other temperatures\.", slow=True),
     Screen("history good", r"ASM330LHH \S+: 1 session; drift needs 4 or more\.", before=FITTED, slow=True),
-    Screen("--help", r"Calibrate a MEMS gyroscope", 40),
+    Screen("--help", r"Calibrate a MEMS gyroscope"),
     Screen("fit nowhere", r"calibrate: nowhere: no such folder$", 1, code=2),
     Screen("check nowhere", r"calibrate: nowhere: no such folder$", 1, code=2, slow=True),
     Screen("check good", r"READY"),

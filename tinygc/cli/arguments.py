@@ -177,10 +177,8 @@ def _identity(status: os.stat_result | None) -> tuple[int, int] | None:
 
 BEGIN = """Calibrate a MEMS gyroscope on a hand-turned table, and state how well.
 
-Begin with:  {example}
-"""
-END = """
-{program} COMMAND --help  shows the usual options of a command
+Begin with:  {example}"""
+END = """{program} COMMAND --help  shows the usual options of a command
 --version  --completion bash|zsh
 """
 
@@ -268,10 +266,12 @@ def joined(words: Sequence[str]) -> list[str]:
 
 
 def _overview() -> str:
-    """The commands by their groups, a line each."""
+    """The commands by their groups, a line each; those of a laboratory by their names alone."""
     lines = [BEGIN.format(example=command_line("fit", "data/session1") if os.path.isdir("data/session1") else command_line("demo"))]
     for group, known in grouped().items():
-        lines += [group, *(f"  {name:13} {summary}" for name, summary in known.items())] if known else []
+        names = (f"{name}{' [record]' * (f'{name} record' in known)}" for name in known if " " not in name)
+        rows = [", ".join(names)] if group == "lab" else [f"{name:9} {summary}" for name, summary in known.items()]
+        lines += [f"{'' if number else group:9} {row}" for number, row in enumerate(rows)]
     return "\n".join([*lines, END.format(program=program())])
 
 

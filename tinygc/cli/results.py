@@ -19,7 +19,6 @@ from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any
 
-from session.base.console import one_line
 from session.base.errors import CalibrationError
 from session.base.files import is_stream, refuse_link
 from session.base.names import refuse_recorded
@@ -306,7 +305,7 @@ def run_each(args: Any, one: Callable[[Any], Done], schema: str, what: str, last
     console.print(f"{len(finished)} of {len(folders)} {what}: {counted}")  # also with --quiet
     console.print(outcomes_table(rows))
     if finished:
-        output(args).print(one_line(last(finished)))
+        output(args).print(terminal.one_line(last(finished)))
     if getattr(args, "verbose", False):
         output(args).print(terminal.Text("".join(screens).rstrip()))
     write_json(args.json, {"schema": schema, "sessions": entries})

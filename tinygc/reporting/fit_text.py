@@ -110,7 +110,7 @@ def closure_table(result: FitResult, adopted: Adopted | None = None, brief: bool
         row.setdefault("held out", row.get("tilt", ""))
     columns = ["", "par.", "fitted", "held out", "÷ floor", "roll", "pitch", "yaw", *["closure runs"] * bool(result.runs), "seconds"]
     folds = min(result.options.folds, len(result.problem.used))
-    lines = f"fitted, held out: tilt; held out over {folds} folds; roll, pitch, yaw: held out, about the table's axes"
+    lines = f"tilt, held out over {folds} folds; roll, pitch, yaw: held out, about the table's axes"
     lines += "; yaw here: the turns of known angle, each about its own axis" * (result.problem.batch.turns is not None)
     return Table("Closure, degrees rms", columns, _picked(rows, columns), lines, styles=styles, minor=(1, 5, 6, 7, len(columns) - 1))
 
@@ -154,8 +154,8 @@ def parameters_table(result: FitResult, brief: bool = False) -> Table:
 
 def accelerometer_table(found: AccelerometerFit, title: str) -> Table:
     """Table of scale, nonorthogonality and bias, each with one sigma."""
-    lines = [test.description for test in gravity_test(found)]
-    lines += [f"in any other session: {found.any_session_words}"] if found.any_session_words else []
+    lines = [f"{test.description}." for test in gravity_test(found)]
+    lines += [f"In any other session: {found.any_session_words}."] if found.any_session_words else []
     table = errors_table(title, found.facts, lines)
     if found.drift is None:
         return table

@@ -287,8 +287,8 @@ BAR, DOUBT = int(BARS[2]), 1000
     [
         (BAR + 1, 0, True), (BAR, 0, False), (-BAR - 1, 0, True), (-BAR, 0, False),
         (BAR + 100, 100, False),  # back by more than the bar
-        (386, 128, True), (385, 128, False),  # neighbours that differ by less than half of the smaller step, whole numbers
-        (BAR + 1, -127, True), (BAR + 1, -128, False),
+        (385, 128, True), (384, 128, False),  # neighbours that differ by less than half of the smaller step
+        (BAR + 1, -128, True), (BAR + 1, -129, False),
         (BAR + 1, 2 * BAR + 2, False),  # on and on in one direction
     ],
 )  # fmt: skip

@@ -22,81 +22,48 @@ DOUBT = 1000
 
 
 class StepFilter:
-    """Passes samples on; holds a doubtful one until the next has come.  form: the columns, and the largest plausible step in each."""
+    """Passes samples on; holds a doubtful last one that jumps until the next has come.  form: the columns, and the largest plausible step
+    in each."""
 
     def __init__(self, form: StreamFormat = REGISTERS) -> None:
-        self._form, self._bars, self._type = form, form.bars, np.float64 if form.physical else np.int64
+        self._form = form
         self._doubt = 0  # samples still to be doubted
-        self._before: np.ndarray | None = None  # (7,) the last sample passed on
-        self._held: tuple[int, np.ndarray, int] | None = None  # t_us, registers, periods
+        self._before: np.ndarray | None = None  # (7,) the last sample that does not wait
+        self._held: list[SampleChunk] = []  # the one that waits
 
     def take(self, accepted: SampleChunk) -> list[SampleChunk | Event]:
         """The samples that are passed on, and counts of those that are left out."""
+        count = len(accepted)
         if not (self._doubt or self._held or accepted.damaged.any()):
-            self._before = accepted.registers[-1].astype(self._type)
+            self._before = accepted.registers[-1].astype(float)
             return [SampleChunk(accepted.t_us, accepted.registers, self._form)]
-        count = len(accepted.t_us)
         last_damage = np.maximum.accumulate(np.where(accepted.damaged, np.arange(count), -count - DOUBT))
         doubted = (np.arange(count) - last_damage < DOUBT) | (np.arange(count) < self._doubt)
         self._doubt = max(0, self._doubt - count, DOUBT - int(count - last_damage[-1]))
-        values = accepted.registers.astype(self._type)
-        before = values[:1] if self._before is None else self._before[None]
-        jumps = (np.abs(np.diff(values, axis=0, prepend=before)) > self._bars * accepted.periods[:, None]).any(axis=1) & doubted
-        out: list[SampleChunk | Event] = []
-        if self._held is not None:
-            held, self._held = self._held, None
-            self._decide(held, values[0], int(accepted.periods[0]), out)
-            jumps[0] = doubted[0] and self._jumps(values[0], int(accepted.periods[0]))
-        start = place = 0  # of what is not yet passed on, and of the next that jumps
-        places = [*np.flatnonzero(jumps).tolist(), count]
-        while start < count:
-            while places[place] < start or (places[place] == start and not jumps[start]):
-                place += 1
-            k = start if jumps[start] else places[place]
-            if k > start:
-                self._pass_on(accepted, values, start, k, out)
-            if k == count:
-                break
-            if k == count - 1:
-                self._held = int(accepted.t_us[k]), values[k], int(accepted.periods[k])
-                break
-            assert self._before is not None  # the first doubtful sample is compared with itself, and passed on
-            if _alone(self._before, values[k], values[k + 1], self._bars * int(accepted.periods[k] + accepted.periods[k + 1]) / 2):
-                out.append(Event("implausible", 1, int(accepted.t_us[k])))
-            else:
-                self._pass_on(accepted, values, k, k + 1, out)
-            jumps[k + 1] = doubted[k + 1] and self._jumps(values[k + 1], int(accepted.periods[k + 1]))
-            start = k + 1
-        return out
-
-    def _pass_on(self, accepted: SampleChunk, values: np.ndarray, start: int, stop: int, out: list) -> None:
-        out.append(SampleChunk(accepted.t_us[start:stop], accepted.registers[start:stop], self._form))
-        self._before = values[stop - 1]
+        chunk, doubted = joined_chunk([*self._held, accepted]), np.concatenate([np.ones(len(self._held), bool), doubted])
+        values = chunk.registers.astype(float)
+        steps = np.diff(values, axis=0, prepend=values[:1] if self._before is None else self._before[None], append=values[-1:])
+        out, back, bars = steps[:-1], steps[1:], self._form.bars * chunk.periods[:, None]
+        jumps = doubted & (np.abs(out) > bars).any(axis=1)
+        # Some register steps out and back: beyond the bar on both sides, while its neighbours agree.
+        far = np.minimum(np.abs(out), np.abs(back))
+        returns = (far > (bars + np.roll(bars, -1, axis=0)) / 2) & (out * back < 0) & (2 * np.abs(out + back) < far)
+        stop = len(chunk) - int(jumps[-1])
+        self._held, self._before = [chunk.part(stop)] * int(jumps[-1]), values[stop - 1] if stop else self._before
+        found: list[SampleChunk | Event] = []
+        start = 0
+        for place in [*np.flatnonzero(jumps & returns.any(axis=1)).tolist(), stop]:
+            if place > start:
+                found.append(SampleChunk(chunk.t_us[start:place], chunk.registers[start:place], self._form))
+            if place < stop:
+                found.append(Event("implausible", 1, int(chunk.t_us[place])))
+            start = place + 1
+        return found
 
     def finish(self) -> list[SampleChunk | Event]:
         """The stream ends: a doubtful last sample is left out."""
-        held, self._held, self._before, self._doubt = self._held, None, None, 0
-        return [Event("implausible", 1, held[0])] if held else []
-
-    def _jumps(self, value: np.ndarray, periods: int) -> bool:
-        return self._before is not None and bool((np.abs(value - self._before) > self._bars * periods).any())
-
-    def _decide(self, held: tuple[int, np.ndarray, int], following: np.ndarray, periods: int, out: list) -> None:
-        t_us, value, own = held
-        if self._before is not None and _alone(self._before, value, following, self._bars * (own + periods) / 2):
-            out.append(Event("implausible", 1, t_us))
-        else:
-            registers = value[None].astype(np.float64 if self._form.physical else np.int16)
-            out.append(SampleChunk(np.array([t_us], np.int64), registers, self._form))
-            self._before = value
-
-
-def _alone(before: np.ndarray, value: np.ndarray, behind: np.ndarray, bars: np.ndarray) -> bool:
-    """Whether some register steps out and back: beyond the bar on both sides, while its neighbours agree."""
-    out, back = value - before, behind - value
-    far = np.minimum(np.abs(out), np.abs(back))
-    half = far // 2 if far.dtype.kind == "i" else far / 2
-    return bool(((far > bars) & (out * back < 0) & (np.abs(behind - before) < half)).any())
+        held, self._held, self._before, self._doubt = self._held, [], None, 0
+        return [Event("implausible", 1, int(each.t_us[0])) for each in held]
 
 
 # The continuity check: it unrolls sequence and time, counts missing readings, and leaves out those that do not fit.

@@ -200,7 +200,7 @@ def packed(*texts):
         (packed("a\nb\n") + b"\0" * 512, ["a", "b"], False),
         (packed("a\nb\n", "c\n")[:-3], ["a", "b", "c"], True),
         (packed("a\nb\n") + b"junk", ["a", "b"], True),
-        (packed("a\nb\n")[:-8] + b"\0" * 8, None, True),
+        (packed("a\nb\n")[:-8] + b"\0" * 8, ["a", "b"], True),
         (b"a\nb\n", None, True),
     ],
     ids=["two members", "padded", "cut off", "junk behind", "wrong checksum", "text"],

@@ -7,11 +7,11 @@ packed file that is a thousand times smaller than what comes out of it.  Each of
 from __future__ import annotations
 
 import codecs
+import gzip
 import io
 import re
 import zlib
 from pathlib import Path
-from typing import Any
 
 from session.base.errors import FormatError
 from session.base.files import MB, open_file, open_stream, unreadable
@@ -35,10 +35,8 @@ STANDARD = "-"
 GZIP = b"\x1f\x8b"
 PIECE_BYTES = 1 << 20
 READ_BYTES = 1 << 17
-#: packed bytes that are lost at most before the place where a packed file is damaged
-SLICE_BYTES = 1 << 12
-#: zero bytes behind the last member of a packed file
-MOST_PADDING = MB
+#: unpacked bytes that are lost at most before the place where a packed file is damaged
+SLICE_BYTES = 1 << 14
 #: characters of a line: a row of a phone's log with everything switched on has some hundreds
 LONGEST_LINE = 1 << 16
 #: characters of blank lines and comments between two rows: an hour of a board that only talks
@@ -74,7 +72,8 @@ class Lines:
             packed = path.suffix.lower() == ".gz" or (self.once and self._file.peek(2)[:2] == GZIP)
         except OSError as error:
             raise unreadable(path, error) from None
-        self._unpack = _Unpack() if packed else None
+        self._packed = gzip.GzipFile(fileobj=self._file) if packed else None
+        self._gave = False  # whether any of it could be unpacked
         self._decode: io.IncrementalNewlineDecoder | None = None  # until the first bytes are there
         self._rest, self._ended, self._wide = "", False, False
         self._number = 1  # of the line that ``_rest`` begins with
@@ -182,8 +181,8 @@ class Lines:
         return data
 
     def _zeros_words(self) -> str:
-        name, cut = self._path.name, "cut it there" if self._unpack is None else "unpack it, and cut it there"
-        if self._unpack is None and not self.once:
+        name, cut = self._path.name, "cut it there" if self._packed is None else "unpack it, and cut it there"
+        if self._packed is None and not self.once:
             begin = self._file.tell() - self._zeros
             if not begin:
                 return f"{name}: begins with {self._zeros} zero bytes; expected a text log"
@@ -192,67 +191,18 @@ class Lines:
 
     def _read_any(self) -> bytes:
         try:
-            if self._unpack is None:
+            if self._packed is None:
                 return self._file.read1(READ_BYTES) or b""
-            while True:
-                if data := self._unpack.more():
-                    return data
-                if self._unpack.broken or not (packed := self._file.read1(READ_BYTES)):
-                    break
-                self._unpack.feed(packed)
+            data = self._packed.read1(SLICE_BYTES)
+            self._gave |= bool(data)
+            return data
+        except (EOFError, zlib.error, gzip.BadGzipFile):
+            pass  # as far as it is sound
         except OSError as error:
             raise unreadable(self._path, error) from None
-        if self._unpack.whole:
-            return b""
-        if not self._unpack.gave:
+        if not self._gave:
             raise FormatError(f"{self._path.name}: not a gzip file, or a damaged one; unpack it or give it its right name")
         if self._strict:
             raise FormatError(f"{self._path.name}: the compressed file is broken; pack it again")
         self.note = BREAKS_OFF
         return b""
-
-
-class _Unpack:
-    """gzip, member after member, as far as it is sound, in small parts: ``feed`` packed bytes, then ``more`` until it gives none.
-
-    broken: something in it was not sound; whole: it ended where it should; gave: whether there was any text.
-    """
-
-    def __init__(self) -> None:
-        self._member: Any = None  # of zlib.decompressobj, whose class has no public name
-        self._packed, self._at = b"", 0
-        self._padding = 0
-        self.gave = self.broken = self._begun = False
-
-    @property
-    def whole(self) -> bool:
-        return self._member is None and not self.broken
-
-    def feed(self, packed: bytes) -> None:
-        """The next bytes of the file."""
-        self._packed, self._at = packed, 0
-
-    def more(self) -> bytes:
-        """Text, about as much as is read of a plain file at once; none where it takes more packed bytes, or what follows is broken."""
-        parts, size = [], 0
-        try:
-            while size < READ_BYTES and not self.broken:
-                if self._member is None:
-                    # Zero bytes may pad what is behind a member, to a tape's block.
-                    rest = self._packed[self._at :] if self._packed[self._at : self._at + 1] == b"\0" else b""
-                    zeros = len(rest) - len(rest.lstrip(b"\0"))
-                    self._at, self._padding = self._at + zeros, self._padding + zeros
-                    self.broken |= self._padding > MOST_PADDING or (zeros > 0 and not self._begun)
-                if self._at == len(self._packed):
-                    break
-                self._member, self._begun = self._member or zlib.decompressobj(wbits=31), True
-                part = self._packed[self._at : self._at + SLICE_BYTES]
-                parts.append(self._member.decompress(part, READ_BYTES))
-                size += len(parts[-1])
-                self._at += len(part) - len(self._member.unused_data or self._member.unconsumed_tail)
-                self._member = None if self._member.eof else self._member
-        except zlib.error:
-            self.broken = True
-        data = b"".join(parts)
-        self.gave |= bool(data)
-        return data

@@ -31,8 +31,9 @@ from session.detect.axes import (
 )
 from session.detect.check_references import down_of_dials, without_wrong_dials
 from session.detect.check_samples import (
+    LEAST_DEAD_READINGS,
+    SCATTERS,
     _same,
-    _scatter_bar,
     _stands,
     _usual_step,
     _without_force,
@@ -286,12 +287,10 @@ def test_rows_without_force_are_no_dead_axis_where_that_is_agreed():
     assert check_dead(log, True) == []
 
 
-@pytest.mark.parametrize("length", [20, 60, 200])
-def test_equal_neighbours_that_noise_leaves_in_one_step(length):
+def test_equal_neighbours_that_noise_leaves_in_one_step():
     """Two normal readings differ by d of sqrt(2) sigma, and share a step by chance 1 - |d|; sigma such that a run stays in it by 1e-5."""
-    sigma = 0.5 / norm.isf((1 - 1e-5 ** (1 / length)) / 2)
-    share = quad(lambda d: 2 * (1 - d) * norm.pdf(d, scale=np.sqrt(2) * sigma), 0, 1)[0]
-    assert _scatter_bar(length) == pytest.approx(min(0.6, share), rel=1e-9)
+    sigma = 0.5 / norm.isf((1 - 1e-5 ** (1 / LEAST_DEAD_READINGS)) / 2)
+    assert quad(lambda d: 2 * (1 - d) * norm.pdf(d, scale=np.sqrt(2) * sigma), 0, 1)[0] == pytest.approx(SCATTERS, abs=0.01)
 
 
 @pytest.mark.parametrize(("count", "same"), [(99, False), (100, True)])

@@ -67,7 +67,6 @@ def mean_of(count):
 FAULTS = {
     "gate": (lambda w: np.where(np.abs(w) < [0.6, 1.0, 0.4], 0, w), "dead band", "x, y, z stand at 0 dps"),
     "gate of all": (lambda w: w * (np.linalg.norm(w, axis=1) > 0.8)[:, None], "dead band", "all others beyond 0.8"),
-    "soft gate": (lambda w: np.sign(w) * np.maximum(np.abs(w) - 0.7, 0), "dead band", "in steps that are finer than any noise"),
     "dead band": (lambda w: with_band(w, 1, 1.0, 0.02), "dead band", "y stands at"),
     "high-pass": (lambda w: high_passed(w, 2, 0.05) + ZERO, "high-pass", "the rate of z is less by the angle turned over 3.1"),
     "slow high-pass": (lambda w: high_passed(w, 0, 0.002) + ZERO, "high-pass", "a high-pass of 0.0019 Hz"),

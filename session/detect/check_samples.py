@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from itertools import combinations, pairwise
-from math import erf, exp, pi, sqrt
-from statistics import NormalDist
+from math import sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -307,19 +306,17 @@ def ceiling_finding(log: Log, sensor: Sensor, ceiling: Ceiling, between: Sequenc
     return Finding("error", log.path.name, "gyro ceiling", text, do)
 
 
-# An axis that dies within a log: it reads one value for a second or more, and twenty readings, while the others move or scatter.
+# An axis that dies within a log: it reads one value for a second or more, and sixty readings, while the others move or scatter.
 
 #: and so many readings: at 2 Hz two equal neighbours are a coarse register, not a second of silence
-LEAST_S, LEAST_DEAD_READINGS = 1.0, 20
+LEAST_S, LEAST_DEAD_READINGS = 1.0, 60
 #: a run at the axis's own extreme may be a turn that clips; no turn is longer than this
 CLIPPED_S = 5.0
 #: the body moves where another axis spans this, dps and g, over the middle four fifths of the readings
 MOVES_DPS, MOVES_G = 10.0, 0.1
-#: an axis scatters where fewer neighbours than this are equal; of a short run fewer (``_scatter_bar``)
+#: an axis scatters where fewer neighbours than this are equal: noise of 0.37 of a step, which stays in one step for sixty readings
+#: with a chance of 1e-5
 SCATTERS = 0.6
-#: chance that an axis whose noise is the others' stays in one step of its register for a whole run; from so many readings on, a body
-#: that moves is enough
-BY_CHANCE, MANY = 1e-5, 60
 #: shorter runs than the least, by as much, are a coarse register's: it has runs of every length, noise has none of these
 COARSE_S, COARSE_READINGS, COARSE_RUNS = 0.15, 10, 3
 
@@ -366,7 +363,7 @@ def _dead_runs(samples: Samples, number: int, absent: np.ndarray) -> list[tuple[
         some = slice(start, start + length)
         run = np.concatenate([samples.gyro[some] / DEG, samples.accel[some] / G], axis=1)
         clips = values[start] in extremes and length * period_s <= CLIPPED_S
-        if not clips and ((length >= MANY and _others_move(run, number)) or (not coarse.any() and _others_scatter(run, number))):
+        if not clips and (_others_move(run, number) or (not coarse.any() and _others_scatter(run, number))):
             found.append((start, start + length))
     return found
 
@@ -381,19 +378,7 @@ def _others_scatter(run: np.ndarray, number: int) -> bool:
     """Both other axes of the same sensor."""
     first = number - number % 3
     others = [other for other in range(first, first + 3) if other != number]
-    return bool(((np.diff(run[:, others], axis=0) == 0).mean(axis=0) < _scatter_bar(len(run))).all())
-
-
-def _scatter_bar(length: int) -> float:
-    """Share of equal neighbours below which noise leaves one step of a register within so many readings.
-
-    A slow sensor's noise may be smaller than its step: it then stays in one for long.  sigma, in steps, is that at which ``length``
-    readings stay within half a step of the middle by ``BY_CHANCE``; the share is what it makes of equal neighbours, over all places
-    of the mean within a step.
-    """
-    sigma = 0.5 / NormalDist().inv_cdf((1 + BY_CHANCE ** (1 / length)) / 2)
-    share = erf(1 / (2 * sigma)) - 2 * sigma / sqrt(pi) * (1 - exp(-1 / (4 * sigma**2)))
-    return min(SCATTERS, share)
+    return bool(((np.diff(run[:, others], axis=0) == 0).mean(axis=0) < SCATTERS).all())
 
 
 # Registers whose steps are larger than the noise: a gyro repeats one value at rest, and rest cannot be separated from a slow turn; an

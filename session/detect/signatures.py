@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from session.base.errors import FormatError
-from session.base.numeric import held_for, new_readings, running_sum, runs_of, sigma_of
+from session.base.numeric import held_for, new_readings, running_sum, sigma_of
 from session.base.units import DEG, MDPS, G
 from session.detect.axes import agreement
 from session.detect.events import FULL_SCALE_ROUNDING, gyro_reach_dps
@@ -176,8 +176,6 @@ RESOLVED = 1e-6 * DEG
 MOST_OF_IT = 0.5
 #: widest of such gaps that are looked at
 WIDEST = 50
-#: of all readings: equal ones that are no chance where the steps are finer than the noise
-REPEATED = 0.2
 
 
 def _check_dead_band(log: Log, sensor: Sensor) -> list[Finding]:
@@ -194,9 +192,6 @@ def _check_dead_band(log: Log, sensor: Sensor) -> list[Finding]:
         text = f"{_stands(found, centres, max(band.share for band in here))}, and no reading lies between that and ±{edges} dps: a gate"
     elif (norm := _gap(np.linalg.norm(gyro - centres, axis=1), sided=False)) is not None and norm.within == 0:
         text = f"{_stands(np.ones(3, dtype=bool), centres, norm.share)}, and all others beyond {norm.beyond / DEG:.2g} dps together: a gate"
-    elif (found := np.array([_repeats_finely(each, at, sensor, log) for each, at in zip(gyro.T, centres, strict=True)])).any():
-        share = float((gyro == centres).mean(axis=0)[found].max())
-        text = f"{_stands(found, centres, share)}, in steps that are finer than any noise"
     else:
         return []
     do = "switch off what does that where the log is written: with it the zero at rest is lost, and the slow part of every turn"
@@ -248,27 +243,6 @@ def _gap(off: np.ndarray, sided: bool = True) -> _Band | None:
         if crossings >= CROSSINGS and (not sided or min(side, 1 - side) >= LEAST_SIDE):
             return _Band(within, beyond, float(inside.mean()))
     return None
-
-
-def _repeats_finely(values: np.ndarray, centre: float, sensor: Sensor, log: Log) -> bool:
-    """Whether readings (N,) repeat one value though their steps are finer than the sensor's noise, or than any register of 16 bits, and
-    than what they show of noise elsewhere."""
-    same = values == centre
-    starts, stops = runs_of(same)
-    longest = int((stops - starts).max(initial=0))  # an axis that died stands in one run, a gate at each rest
-    if same.sum() - longest < REPEATED * (len(same) - longest) or 2 * len(starts) < CROSSINGS:
-        return False
-    others = np.unique(values[~same])
-    if len(others) < LEAST_READINGS:
-        return False
-    steps = np.diff(np.sort(others[np.argsort(np.abs(others - centre))[:LEAST_READINGS]]))
-    step = float(steps[steps > 2 * RESOLVED].min(initial=np.inf))
-    typical = sensor.typical("gyro_noise_mdps_rthz")
-    noise = 0.0 if typical is None else typical[1] * MDPS * np.sqrt(0.5 / log.samples.period_s)
-    # A low-pass leaves less than that.  Third differences of white noise have 20 times its variance.
-    jerks = np.diff(values, n=3)[~np.lib.stride_tricks.sliding_window_view(same, 4).any(axis=1)]
-    shown = float(sigma_of(jerks) / np.sqrt(20)) if len(jerks) else 0.0
-    return step < min(shown, max(noise / 2, sensor.gyro_fs_dps * DEG / (1 << 16)))
 
 
 # Faults that show from rest to rest.  The rests are those of the accelerometer: what is wrong with the gyroscope may hide them from it.

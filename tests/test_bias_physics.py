@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from conftest import GRAVITY, config, wxyz
 from noise_records import axis, figures, sensor
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 from scipy.integrate import quad
 from scipy.optimize import least_squares, minimize_scalar
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2, norm, t
 from small_sessions import EARTH_T, small_session
-from small_turns import PERFECT, TRUE, angles_by_scipy
+from small_turns import TRUE
 
 from session.base.errors import CalibrationError, FitError, FormatError
 from session.base.records import plain
@@ -39,7 +39,7 @@ from tinygc.estimation.between_sessions import (
     course,
     jump,
 )
-from tinygc.estimation.bias import BiasChoice, choose, closes_better, less_by_chance, with_level_bias
+from tinygc.estimation.bias import BiasChoice, choose, closes_better, less_by_chance
 from tinygc.estimation.options import FitOptions
 from tinygc.estimation.spread import ACCELEROMETER, END_S, USUAL, ZERO, Spread, drift_between, wander_variance
 from tinygc.fitting.bias_of_day import (
@@ -113,49 +113,14 @@ def test_ends_and_stills_are_alike_within_a_percent(stills, why):
     assert f"({why}" in BiasChoice("auto", "ends", held, 0.5, False, False).words
 
 
-@pytest.mark.parametrize(
-    ("more", "truths", "why"),
-    [
-        ({}, True, "do not lie between stills"),
-        ({"bias_per_log": True}, False, "bias_per_log"),
-    ],
-)
-def test_stills_that_cannot_be_used_are_refused_or_passed_over(monkeypatch, more, truths, why):
+def test_stills_that_cannot_be_used_are_refused_or_passed_over(monkeypatch):
     monkeypatch.setattr(bias, "run_method", lambda *_, **__: "fit")
-    problem = small_session(truths=truths)
-    with pytest.raises(CalibrationError, match=f"--bias stills: .*{why}"):
-        choose(problem, FitOptions(bias="stills", **more))
-    choice, same, fit = choose(problem, FitOptions(**more))
+    problem = small_session(truths=True)
+    with pytest.raises(CalibrationError, match=r"--bias stills: .*do not lie between stills"):
+        choose(problem, FitOptions(bias="stills"))
+    choice, same, fit = choose(problem, FitOptions())
     assert (choice.used, choice.held_out, same, fit) == ("ends", {}, problem, "fit")
     assert choice.words == "Bias from the ends of the turns."
-
-
-def test_biases_of_days_are_those_of_one_fit_of_all_beside_a_common_matrix():
-    """Turns in each of two logs: twelve parameters and a bias of the second log more, by scipy, weighted as the floor then is."""
-    problem = small_session((8, 8), noise=3.0)
-    owner = np.array([segment.log for segment in problem.used])
-    moved = problem.batch.rate + (owner == 1)[:, None, None] * np.array([2e-3, -3e-3, 3e-3])
-    problem = replace(problem, batch=replace(problem.batch, rate=moved), first=PERFECT)
-    found, spread = with_level_bias(problem)
-
-    def left(x):
-        shifted = replace(problem.batch, earth=problem.batch.earth - (owner == 1)[:, None, None] * x[12:])
-        return (angles_by_scipy(shifted, TRUE.vector + x[:12]) / found.floor.sigma).ravel()
-
-    best = least_squares(left, np.zeros(15), x_scale=1e-3, xtol=1e-6).x[12:]
-    shift = problem.batch.earth - found.batch.earth
-    assert_allclose(shift, np.broadcast_to((owner - 0.5)[:, None, None] * best, shift.shape), atol=1e-5)
-    assert_allclose(spread, np.abs(best) / np.sqrt(2), rtol=0.02)  # from their median, with one degree of freedom
-    last = least_squares(lambda x: (angles_by_scipy(found.batch, TRUE.vector + x) / found.floor.sigma).ravel(), np.zeros(12), x_scale=1e-3)
-    distance = np.linalg.norm(angles_by_scipy(found.batch, TRUE.vector + last.x), axis=1)
-    factor = (found.floor.sigma / problem.floor.sigma)[:, 0]
-    assert_allclose(factor, np.sqrt(np.maximum(distance / np.median(distance), 0.05)), atol=0.01)  # squares become distances
-    factor = np.repeat(factor, 2)
-    assert_allclose(found.floor.dense(), problem.floor.dense() * np.outer(factor, factor), rtol=1e-12)
-    lone = small_session((8, 1))  # a log of one turn has no bias of its own
-    found, spread = with_level_bias(lone)
-    assert_array_equal(found.batch.earth[-1], lone.batch.earth[-1])
-    assert_allclose(spread, 0, atol=1e-12)
 
 
 PERIOD_S, BLOCK = 0.05, 2

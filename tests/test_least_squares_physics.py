@@ -340,7 +340,7 @@ def test_a_wandering_bias_adds_what_refits_with_other_biases_answer(data, noise_
 def test_turns_that_say_little_are_weighed_against_the_prior():
     """Sigmas so large that the prior, which has no error of its own here, binds half of the numbers."""
     data = Data("tilt")
-    data.floor = floor = data.floor.scaled(np.full(TURNS, 300.0))
+    data.floor = floor = replace(data.floor, own=data.floor.own * 9e4, shared=data.floor.shared * 9e4)
     J = numeric_jacobian(lambda x: angles_by_scipy(data.batch, x).ravel(), TRUE.vector)
     weight = 1 / floor.sigma.ravel() ** 2
     answer = np.linalg.solve((J.T * weight) @ J + np.diag(1 / PRIOR_SIGMA**2), J.T * weight)

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from public.euroc import write_sequences, write_training_windows
 
+from paper.levelled import Levelled, level_days
 from session.base import rotation
 from session.base.rotation import steps
 from session.base.units import DEG
@@ -19,7 +20,6 @@ from session.log.samples import Samples
 from tinygc.closure.build import build_problem
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import RateMap
-from tinygc.estimation.bias import Levelled, level_days
 from tinygc.features.truth.reading import Truth
 from tinygc.features.truth.segments import moments_inside
 

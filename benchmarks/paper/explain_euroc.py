@@ -10,10 +10,11 @@ from common import markdown
 from public.euroc import write_sequences, write_training_windows
 
 from paper.euroc import EUROC
+from paper.levelled import level_days
 from session.base.units import DEG, MG
 from session.log.folder import read_session
 from tinygc.closure.build import build_problem
-from tinygc.estimation.bias import level_days, tilt_rms
+from tinygc.estimation.bias import tilt_rms
 from tinygc.explanation.claims import Claim
 from tinygc.explanation.engine import Explanation, explain_session
 

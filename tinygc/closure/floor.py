@@ -131,13 +131,6 @@ class Floor:
         shared = np.where(neighbours[:, None, None], self.shared[kept[:-1]], 0.0)
         return replace(self, own=self.own[kept], shared=shared, wider=None if self.wider is None else self.wider[kept], references={})
 
-    def scaled(self, factor: np.ndarray) -> Floor:
-        """Multiply the sigma of each segment by a factor (S,)."""
-        square, both = factor[:, None, None] ** 2, (factor[:-1] * factor[1:])[:, None, None]
-        references = {cause: part.scaled(factor) for cause, part in self.references.items()}
-        wider = None if self.wider is None else self.wider * square
-        return replace(self, own=self.own * square, shared=self.shared * both, wider=wider, references=references)
-
     @property
     def parts(self) -> dict[str, Floor]:
         """The floor by cause, ``GYRO_NOISE`` first: their covariances add up to its own."""

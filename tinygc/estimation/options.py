@@ -184,7 +184,6 @@ class FitOptions(AtRest, Clock, Exclude):
     physics: tuple[str, ...] | None = option(
         None, "fit what explain names as well (auto), or effects by id, with commas", metavar="auto|IDS"
     )
-    bias_per_log: bool = option(False, "each log has a bias of its own, as of several days; their median is kept", cli=False)
     bias: str = option(
         "auto",
         "from the ends of the turns, from the stills around each, or whichever closes held-out segments better",

@@ -74,7 +74,7 @@ class FitClosure:
     @classmethod
     def stated_by(cls, fit: FitResult | None, problem: Problem) -> FitClosure:
         """What a fit of this problem states; what ``fit`` would state where there is none, or one by other sessions as well."""
-        if fit is None or fit.prior is not None or fit.options.bias_per_log:
+        if fit is None or fit.prior is not None:
             return cls.of(problem)
         return cls(fit.problem, fit.linear, fit.options, None if fit.noise is None else fit.noise.twin)
 

@@ -20,11 +20,11 @@ from tinygc.closure.least_squares import GaussianPrior, PriorOf, PriorUse
 from tinygc.closure.prepared import Prepared, prepare
 from tinygc.closure.problem import Problem
 from tinygc.closure.runs import read_closure_runs
-from tinygc.estimation.bias import BiasChoice, choose, with_level_bias
+from tinygc.estimation.bias import BiasChoice, choose
 from tinygc.estimation.choice import RAW, against_raw, closure_figures, run_figures
 from tinygc.estimation.held_out import run_method
 from tinygc.estimation.options import CHOSEN, FitOptions, MethodFit
-from tinygc.estimation.spread import ZERO, Spread
+from tinygc.estimation.spread import Spread
 from tinygc.estimation.stated_noise import StatedNoise, stated_noise, stated_uncertainty
 from tinygc.estimation.systematic import systematic_of
 from tinygc.fitting.results import FitResult
@@ -92,11 +92,7 @@ def fit_session(
     spread = spread_of(session.config, between=between, lot=None if given is None else given.spread)
     prepared = prepared or prepared_for(session, options, progress, None if given is None else given.prior)
     problem = prepared.problem
-    runs, floor = read_closure_runs(problem), problem.floor
-    if options.bias_per_log:
-        problem, of_logs = with_level_bias(problem)
-        if len(problem.logs) > 1 and spread.at(ZERO).is_usual:
-            spread = Spread.of(ZERO, of_logs, "the logs of this session").or_else(spread)
+    runs = read_closure_runs(problem)
     noise, use = None, None
     if given is None:
         progress("bias", 0, 1)
@@ -114,18 +110,18 @@ def fit_session(
         if physics is None:
             raise ValueError("options.physics is fitted by a function that is given as physics")
         # `explain` compares a given calibration with reference.accelerometer.
-        whole = prepared.as_given().problem if options.accelerometer == "auto" and not options.bias_per_log else problem
+        whole = prepared.as_given().problem if options.accelerometer == "auto" else problem
         named = physics(whole, level, linear, options, runs, lambda what: progress(what, 0, 1))
         fits |= named.methods
         errors = [error | more for error, more in zip(errors, named.run_errors, strict=True)]
     model = linear.linear
     if given is None:
         progress("noise", 0, 1)
-        noise = None if options.bias_per_log else stated_noise(problem)
+        noise = stated_noise(problem)
     stated = stated_uncertainty(problem, level, model, noise, use)
     systematic = None if noise is None else systematic_of(level, model, noise, stated["widened"])
     return FitResult(
-        problem=problem.changed(batch=level.batch, rest_rps=level.rest_rps, floor=floor),  # the weights over several days are not noise
+        problem=problem.changed(batch=level.batch, rest_rps=level.rest_rps),
         options=options,
         methods=fits,
         runs=runs,

@@ -98,7 +98,6 @@ def to_json(result: FitResult, limit_deg: float | None = None) -> dict:
             "options": {
                 "seed": result.options.seed,
                 "folds": min(result.options.folds, len(problem.used)),
-                "bias_per_log": result.options.bias_per_log,
                 "bias": result.options.bias,
                 "accelerometer": result.options.accelerometer,
                 "clock": result.options.clock,

@@ -61,9 +61,8 @@ def prior(options: FitOptions, sensor: str) -> LotFile | None:
     assert isinstance(options, LotOptions)
     if options.lot is None:
         return None
-    for idle, name in ((options.physics is not None, "--physics"), (options.bias_per_log, "bias_per_log")):
-        if idle:
-            raise CalibrationError(f"{name} fits without a lot's prior; leave it or --lot out")
+    if options.physics is not None:
+        raise CalibrationError("--physics fits without a lot's prior; leave it or --lot out")
     from tinygc.features.fleet.fit import lot_for
 
     return lot_for(options.lot, sensor)

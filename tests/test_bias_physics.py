@@ -25,7 +25,6 @@ from session.log.folder import Session, hash_of_log
 from session.log.logfile import Log
 from session.log.samples import Samples
 from tinygc import models
-from tinygc.closure.least_squares import StillRates
 from tinygc.estimation import bias
 from tinygc.estimation.between_sessions import (
     CHANCE,
@@ -46,13 +45,10 @@ from tinygc.fitting.bias_of_day import (
     _bias_from_gravity,
     _BiasOfDay,
     _prior,
-    false_stills,
     from_gravity,
-    from_start,
 )
-from tinygc.fitting.unit_state import UnitState, spread_of, spread_over
+from tinygc.fitting.unit_state import spread_of, spread_over
 from tinygc.inference.noise import wander_covariance
-from tinygc.library.biases import Rebias
 from tinygc.models.linear import LinearModel
 
 
@@ -254,51 +250,6 @@ def test_a_walk_is_in_excess_by_its_steps_root_mean_square_in_their_own_sigmas()
         assert quiet.excess == 1.0
 
 
-def along_z(change_dps, sigma_dps=1e-6):
-    """A problem whose stills read as if the bias had changed by these (Q,) dps about z."""
-    earth = np.arange(3.0 * len(change_dps)).reshape(-1, 3) * 1e-3
-    rate = np.linalg.solve(TRUE.E, (earth - np.outer(change_dps, [0, 0, DEG]) - TRUE.B).T).T
-    return replace(small_session(), still_rates=StillRates(rate, earth, np.full(rate.shape, sigma_dps * DEG)))
-
-
-@pytest.mark.parametrize(
-    ("others", "sigma", "median", "limit"),
-    [
-        # A drift: no step is unlike the others, so the distance from the median decides; of the deviations from 3, the median is 2.
-        ([0.0, 1, 2, 3, 4, 5, 6], 2.0, 3.0, 5 * np.hypot(2.0, 1.4826 * 2)),
-        # To and fro: half of the others are alike, so the step decides; of the deviations from a step of -2, the median is 4.
-        ([1.0, -1, 1, -1, 1, -1, 1], 3.0, 1.0, 5 * np.hypot(3.0, 1.4826 * 4)),
-    ],
-)
-def test_a_first_still_is_false_five_sigmas_from_the_others_and_from_its_neighbour(others, sigma, median, limit):
-    for side in (-1, 1) if median == others[0] else (-1,):
-        for size, false in ((0.9999, 0), (1.0001, 1)):
-            found = false_stills(along_z([median + side * size * limit, *others], sigma), TRUE)
-            assert found == pytest.approx([limit * DEG] * false, rel=1e-3)
-
-
-def test_the_first_still_that_is_not_false_gives_the_change_and_its_sigma():
-    problem = along_z([9.0, 0.0, 0.01, -0.01, 0.01, -0.01])
-    sigma = np.arange(1.0, 19).reshape(6, 3)
-    problem = replace(problem, still_rates=replace(problem.still_rates, sigma=1e-12 * sigma))
-    change, its = from_start(problem, TRUE)
-    assert_allclose(change, [0, 0, 0], atol=1e-12)
-    assert_allclose(its, [4e-12, 5e-12, 6e-12])
-
-
-def test_without_a_still_the_first_rest_gives_the_change_and_its_sigma():
-    """2 s at rest between motions."""
-    problem = small_session(truths=True)
-    motion = np.roll(np.r_[np.zeros(80), np.sin(np.arange(160))], 40)[:, None]
-    samples = Samples(np.arange(240) * 25_000_000, np.add(motion, [0.01, 0.02, -0.03]), np.add(20 * motion, [0.0, 0.0, -GRAVITY]))
-    log = replace(problem.logs[0], samples=samples)
-    problem = replace(problem, still_rates=StillRates(*np.zeros((3, 0, 3))))
-    change, sigma = from_start(replace(problem, logs=[log]), TRUE)
-    assert_allclose(change, -TRUE(np.array([0.01, 0.02, -0.03])), rtol=1e-9)
-    assert_allclose(sigma, log.noise.angle_random_walk / np.sqrt(2.0), rtol=0.03)
-    assert from_start(replace(problem, logs=[replace(log, samples=samples.between(120, 220))]), TRUE) is None
-
-
 def test_gravity_s_bias_of_one_log_is_the_prior_of_the_next():
     """From the middle of each log's first reference still on; the median of its stills is its rest."""
     problem, change, sigma = small_session(), np.zeros(3), 0.01
@@ -317,24 +268,6 @@ def test_a_stored_bias_is_as_certain_as_its_file_s_days_are_alike():
     """0.1 dps where the file tells of no days."""
     assert spread_of(None, {}).at(ZERO).sigma.tolist() == [0.1 * DEG] * 3
     assert spread_of(None, {"bias_sigma_rps": [1e-3, 0.0, 2e-6]}).at(ZERO).sigma.tolist() == [1e-3, 0.0, 2e-6]
-
-
-def rebiased(**more):
-    problem = small_session()
-    start, gravity = DEG * np.array([[[1.0, 2, 3], [3, 3, 4]], [[7, 2, 9], [4, 4, 3]]])
-    changes = {"start": start, "given": (np.array([0.5, 0, 0]) * DEG, None), "gravity": gravity}
-    angles = {name: problem.batch.start[:, 1:3] * 1e-3 for name in ("stored", *changes)}
-    made = Rebias(problem, UnitState(Path("m.json"), TRUE), changes, "start", angles)
-    return replace(made, **more)
-
-
-def test_start_and_gravity_disagree_by_sigmas_of_their_difference():
-    made = rebiased()
-    assert made.disagreement == pytest.approx(6 / 5)
-    assert replace(made, changes={name: made.changes[name] for name in ("start", "given")}).disagreement == 0
-    for factor, said in ((4.15, 0), (4.18, 1)):  # five sigmas are 25 / 6 = 4.1667 times as much
-        changes = {name: (factor * value, sigma) for name, (value, sigma) in made.changes.items()}
-        assert len(replace(made, changes=changes).remarks) == said
 
 
 RNG = np.random.default_rng(37)

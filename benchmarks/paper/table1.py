@@ -19,7 +19,8 @@ from paper.as_in_paper import kept, trained_denoiser, trained_net
 from paper.euroc import EUROC, Euroc
 from session.base.units import DEG
 from tinygc.closure.least_squares import fit_least_squares
-from tinygc.fitting.bias_of_day import from_gravity, from_start
+from tinygc.closure.problem import Problem
+from tinygc.fitting.bias_of_day import from_gravity
 from tinygc.methods.denoiser import of_problem, train_denoiser
 from tinygc.methods.network import train_second_order
 from tinygc.models.denoiser import DenoisedNet, Denoiser
@@ -66,7 +67,7 @@ def table1(euroc: Euroc, progress: Callable[[str], None]) -> str:
         row(title, n, published=errors)
     days = train_second_order(euroc.days.batch, euroc.days.sigma).net
     row("one bias a sequence: median kept", 27, days)
-    starts = {name: days.with_bias_moved(from_start(problem, days)[0]) for name, problem in euroc.tests.items()}
+    starts = {name: days.with_bias_moved(first_rest(problem, days)) for name, problem in euroc.tests.items()}
     row("… bias of the day: first rest", 27, starts)
     gravity = {
         name: days.with_bias_moved(from_gravity(problem, days, euroc.days.sigma_rps).change) for name, problem in euroc.tests.items()
@@ -87,6 +88,14 @@ def table1(euroc: Euroc, progress: Callable[[str], None]) -> str:
     ]
     means = [(*row[:2], row[-1]) for row in rows]
     return "\n\n".join([markdown(["", "parameters", "mean"], means), markdown(HEADER, rows), *said])
+
+
+def first_rest(problem: Problem, model) -> np.ndarray:
+    """The change (3,) rad/s that makes the rate of a sequence's first rest that of the Earth, or zero where it is not known."""
+    if len(problem.still_rates.rate):
+        return problem.still_rates.earth[0] - model(problem.still_rates.rate[0])
+    (_, rate), *_ = (rest for log in problem.logs for rest in problem.session.reference.rests(log.samples))
+    return -model(rate)
 
 
 def true_bias(name: str, model):

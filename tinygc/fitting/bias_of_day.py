@@ -195,57 +195,7 @@ def _whitened(velocity: np.ndarray, span: np.ndarray) -> np.ndarray:
     return np.concatenate([velocity[:1], innovations]) / VELOCITY_MPS
 
 
-# A stored calibration in a new session: E is kept, the bias is taken from the first still, from gravity, or from the user.
-
-#: difference of the first still and gravity, in sigmas, that is inconsistent: for normal errors once in 600 000 (3 axes)
-DISAGREE_SIGMAS = 5.0
-#: of a normal distribution: its standard deviation over the median of the deviations
-MAD_TO_SIGMA = 1.4826
-#: fewer do not show which of them is false
-FEWEST_STILLS = 5
-
-
-def from_start(problem: Problem, model: Model) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return the change that makes the first still's mean rate the Earth's, with its sigma; without a still, from the first rest.  A first
-    still that the others contradict is passed over (``false_stills``)."""
-    rates = problem.still_rates
-    if len(rates.rate):
-        number = len(false_stills(problem, model))
-        return rates.earth[number] - at_rest(model, rates.rate[number]), rates.sigma[number]
-    for log in problem.logs:
-        for part, rate in problem.session.reference.rests(log.samples)[:1]:
-            duration_s = (part.stop - part.start) * log.samples.period_s
-            return -at_rest(model, rate), log.noise.angle_random_walk / np.sqrt(duration_s)
-    return None
-
-
-def false_stills(problem: Problem, model: Model) -> list[float]:
-    """Return how far, rad/s, each of the first stills departs from the others, until one agrees with them.
-
-    A sensor that is turned slowly about the vertical rests as far as gravity and noise show; its rate is that of no other still.  A bias
-    that drifts is not the last still's either, but nearly that of its neighbour: a false still departs from both, by more than such steps
-    and such differences usually are.
-    """
-    rates = problem.still_rates
-    if len(rates.rate) < FEWEST_STILLS:
-        return []
-    change = rates.earth - np.array([at_rest(model, rate) for rate in rates.rate])
-    usual_step = _scatter(np.diff(change, axis=0))
-    found: list[float] = []
-    while len(change) - len(found) >= FEWEST_STILLS:
-        first, *others = change[len(found) :]
-        sigma = rates.sigma[len(found)]
-        apart, step = np.abs(first - np.median(others, axis=0)), np.abs(first - others[0])
-        wrong = apart > DISAGREE_SIGMAS * np.hypot(sigma, _scatter(np.array(others)))
-        if not (wrong & (step > DISAGREE_SIGMAS * np.hypot(sigma, usual_step))).any():
-            break
-        found.append(float(apart[wrong].max()))
-    return found
-
-
-def _scatter(values: np.ndarray) -> np.ndarray:
-    """Return the standard deviation (3,) of values (Q, 3) about their median, by the median of the deviations: false ones hardly count."""
-    return np.asarray(MAD_TO_SIGMA * np.median(np.abs(values - np.median(values, axis=0)), axis=0))
+# A stored calibration in a new session: E is kept, the bias is taken from gravity.
 
 
 def from_gravity(problem: Problem, model: Model, prior: np.ndarray) -> _BiasOfDay:
@@ -285,10 +235,4 @@ def _rest_change(session: Session, log: StillSet, model: Model, change: np.ndarr
     rates = [still.gyro_mean for still in log.stills if still.problem is None] or [rate for _, rate in session.reference.rests(log.samples)]
     if not rates:
         return None
-    return -np.median([at_rest(model, rate) for rate in rates], axis=0) - change
-
-
-def at_rest(model: Model, rate: np.ndarray) -> np.ndarray:
-    """Calibrate a constant rate (3,), applied long enough for a model with a memory."""
-    model = model.without_denoiser()
-    return np.asarray(model(np.asarray(rate, dtype=float)[None]))[0]
+    return -np.median([model(rate[None])[0] for rate in rates], axis=0) - change

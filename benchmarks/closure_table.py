@@ -77,7 +77,7 @@ def fit_model(name: str, problem: Problem):
     if name == "pso":
         return fit_pso(batch, sigma, start, seed=0)
     net = train_second_order(batch, sigma).net
-    return net if name == "tinygc" else train_denoiser(of_problem(problem), net).model
+    return net if name == "tinygc" else train_denoiser(of_problem(problem), net)
 
 
 def rms(values: np.ndarray) -> float:

@@ -100,9 +100,9 @@ def _figures(session: Session) -> dict:
     calibrated = _closures(unseen, run, net, net)[0]
     filters = {
         "calibrated alone": Filter(np.ones(1), np.ones(1), 0),
-        "endpoint (the paper's loss)": train_denoiser(seen, net, "endpoint").model,
+        "endpoint (the paper's loss)": train_denoiser(seen, net, "endpoint"),
         "endpoint, as in the paper": trained_denoiser(seen, net),
-        f"**neighbours, {DELAY} samples** (default)": train_denoiser(seen, net).model,
+        f"**neighbours, {DELAY} samples** (default)": train_denoiser(seen, net),
         "Butterworth of the same delay": butterworth(DELAY),
         f"Savitzky–Golay (cubic, {TAPS} samples)": savitzky_golay(DELAY),
     }

@@ -55,7 +55,7 @@ def table1(euroc: Euroc, progress: Callable[[str], None]) -> str:
 
     row("raw", 0, bias_only())
     squared, material = train_second_order(batch, sigma).net, of_problem(euroc.training)
-    denoised = train_denoiser(material, squared, "endpoint").model
+    denoised = train_denoiser(material, squared, "endpoint")
     row("least squares", 12, fit_least_squares(batch, sigma, euroc.training.first).model)
     row("TinyGC-Net", 27, squared)
     row("… and denoised", 195, denoised)

@@ -208,7 +208,6 @@ class LeastSquaresFit:
     model: LinearModel
     covariance: np.ndarray
     unobserved: tuple[str, ...]
-    steps: int
     rows: Rows
 
 
@@ -242,7 +241,7 @@ def fit_least_squares(
     at = begin if isinstance(begin, Rows) else _rows(batch, (begin or start).vector, None)
     vector, weight = at.vector, 1 / sigma.reshape(len(batch), -1)
     rank, before = linear.PARAMETERS, 0.0
-    for steps in range(1, MAX_STEPS + 1):  # noqa: B007 (reported)
+    for _ in range(MAX_STEPS):
         angles, design = at.angles, at.columns
         if not np.isfinite(angles).all():
             raise FitError("least squares left the finite numbers; are the rates in the log in the unit of its header?")
@@ -280,7 +279,7 @@ def fit_least_squares(
         model = LinearModel.from_vector(vector)
         vector = replace(model, B=-model.E @ rest_rps).vector
     unobserved = tuple(name for name, ok in zip(linear.NAMES, seen, strict=True) if not ok)
-    return LeastSquaresFit(LinearModel.from_vector(vector), covariance, unobserved, steps, at)
+    return LeastSquaresFit(LinearModel.from_vector(vector), covariance, unobserved, at)
 
 
 class _NotSettled(FitError):

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -210,14 +210,7 @@ def risk_of(rates: list[np.ndarray], stills: list[np.ndarray], taps: int, delay:
     return Risk(autocovariance_at_rest(stills, taps), between.T @ C @ between / max(count, 1), delay, count)
 
 
-# The start and the result of the denoiser's training.
-
-
-class DenoiserTraining(NamedTuple):
-    """The whole model, and the loss after each step or epoch."""
-
-    model: DenoisedNet
-    loss: list[float]
+# The start of the denoiser's training.
 
 
 def start(seed: int) -> Denoiser:
@@ -323,9 +316,9 @@ def _closing(material: Material, calibration: Model, taps: np.ndarray, delay: in
     return rows, (design * weight[..., None, None]).reshape(len(rows), 3, REACH + 1), taps
 
 
-def _settle(vector: np.ndarray, terms: list[Term], prior: float, steps: int) -> tuple[np.ndarray, list[float]]:
+def _settle(vector: np.ndarray, terms: list[Term], prior: float, steps: int) -> np.ndarray:
     """Minimise the sum of squares of all terms (rows, design, taps at which the rows hold) and a weak prior."""
-    whole, began, losses = np.concatenate([design for _, design, _ in terms]), vector.ravel(), []
+    whole, began = np.concatenate([design for _, design, _ in terms]), vector.ravel()
 
     def cost(x: np.ndarray) -> Cost:
         try:
@@ -337,11 +330,10 @@ def _settle(vector: np.ndarray, terms: list[Term], prior: float, steps: int) -> 
         off = (x - began) / prior
         if not np.isfinite(value := float(r @ r)):
             raise FitError("training the denoiser left the finite numbers; are the rates in the log in the unit of its header?")
-        losses.append(value / len(r))
         return Cost(value + float(off @ off), 2 * (J.T @ r + off / prior), 2 * (J.T @ J + np.eye(len(x)) / prior**2))
 
     x, _ = lowest(cost, began, -np.inf, steps=steps, settled=ENOUGH_GAIN)
-    return x.reshape(vector.shape), losses
+    return x.reshape(vector.shape)
 
 
 # Train the denoising subnet, calibration frozen.
@@ -364,7 +356,7 @@ def train_denoiser(
     near: Denoiser | None = None,
     closing: bool = True,
     smoothing: Term | None = None,
-) -> DenoiserTraining:
+) -> DenoisedNet:
     """Train the whole net with this calibration frozen, by the second order.
 
     loss: "neighbours" or "endpoint"; near: the weights that smooth best, from which it converges faster; closing: whether the closure is
@@ -373,16 +365,15 @@ def train_denoiser(
     """
     neighbours = loss == "neighbours"
     terms = [smoothing or smoothing_rows(material, calibration)] if neighbours else []
-    vector, losses = (start(seed) if near is None else near).vector, []
+    vector = (start(seed) if near is None else near).vector
     steps = MAX_STEPS if near is None else NEAR_STEPS
     for number in range(ROUNDS):
         taps, _ = taps_of(vector)
         rows = [_closing(material, calibration, taps, DELAY if neighbours else 0)] if closing else []
-        vector, trace = _settle(vector, [*rows, *terms], PRIOR_SIGMA[loss], steps)
-        losses += trace
+        vector = _settle(vector, [*rows, *terms], PRIOR_SIGMA[loss], steps)
         progress(number + 1, ROUNDS)
     denoiser = Denoiser.from_vector(vector).normalised()
-    return DenoiserTraining(DenoisedNet(calibration, denoiser, material.rate_hz), losses)
+    return DenoisedNet(calibration, denoiser, material.rate_hz)
 
 
 # The method ``tinygc_denoised``: the frozen calibration of ``tinygc``, and the denoising subnet after it.
@@ -404,21 +395,21 @@ def run(problem: Problem, options: FitOptions, progress: Steps, before: dict[str
         raise FitError(f"its window of {REACH + 1} samples ({window_s:.2g} s) is longer than the stills (at most {still_s:.2g} s)")
     steps, loss = len(calibrated.fold_models) + 1, "endpoint" if endpoint else "neighbours"
 
-    def train(seen: Material, calibration: Model, done: int, **how: Any) -> DenoiserTraining:
+    def train(seen: Material, calibration: Model, done: int, **how: Any) -> DenoisedNet:
         return train_denoiser(seen, calibration, loss, seed=options.seed, progress=partial(report, progress, done, steps), **how)
 
     began, enough, smooth = time.perf_counter(), material.enough(), None
     smoothing = None if endpoint else smoothing_rows(enough, calibrated.model)
-    model, losses = train(enough, calibrated.model, 0, smoothing=smoothing)
+    model = train(enough, calibrated.model, 0, smoothing=smoothing)
     seconds = time.perf_counter() - began
     if not endpoint:
-        smooth = train_denoiser(enough, calibrated.model, seed=options.seed, closing=False, smoothing=smoothing).model.denoiser
+        smooth = train_denoiser(enough, calibrated.model, seed=options.seed, closing=False, smoothing=smoothing).denoiser
     held_out = np.zeros_like(calibrated.held_out)
     fold = np.arange(len(problem.batch)) % len(calibrated.fold_models)
     for k, calibration in enumerate(calibrated.fold_models):
-        part, _ = train(material.pick(fold != k).enough(), calibration, k + 1, near=smooth)
+        part = train(material.pick(fold != k).enough(), calibration, k + 1, near=smooth)
         held_out[fold == k] = denoised_angles(material.pick(fold == k), part)
-    notes = {"loss": losses, "denoiser": figures(material, model) | {"loss": loss}}
+    notes = {"denoiser": figures(material, model) | {"loss": loss}}
     angles = denoised_angles(material, model)
     return MethodFit("tinygc_denoised", model, angles, held_out, calibrated.seconds + seconds, notes)
 

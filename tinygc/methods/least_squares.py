@@ -48,4 +48,4 @@ class _LeastSquaresFits:
         )
         if seen.whole is None:
             self.rows = fit.rows
-        return fit.model, {"steps": fit.steps, "unobserved": list(fit.unobserved)}
+        return fit.model, {"unobserved": list(fit.unobserved)}

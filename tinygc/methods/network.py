@@ -40,11 +40,10 @@ PROMISED = 1e-8
 
 @dataclass(frozen=True, eq=False)
 class Training:
-    """The result of a training: net; selected tie (0: linear); loss after each step, the mean squared residual in sigmas."""
+    """The result of a training: net; selected tie (0: linear)."""
 
     net: CalibrationNet
     tie: float
-    loss: tuple[float, ...]
 
 
 def train_second_order(
@@ -72,20 +71,18 @@ def train_second_order(
     vector = CalibrationNet.from_linear(fit.model).vector
     J = problem.jacobian(vector, problem.sensitivity(vector)) if ends is None else problem.weighed(ends.columns)
     linear = _Linear(problem, vector, problem.rows(fit.rows.angles), J)
-    losses, tie = [float(np.mean(linear.r**2))], 0.0
+    tie = 0.0
     unbent = lowest = linear.left_out(rungs[0][1])
     best, r = (vector, linear.r, rungs[0][1]), linear.r
     for number, (looser, prior) in enumerate(rungs[1:], 1):
         progress(number + 1, len(rungs))
         if _less(linear.left_out(prior), unbent, PROMISE):
-            vector, r, left_out, trace = problem.settle(vector, r, prior, DECIDES)
-            losses += trace
+            vector, r, left_out = problem.settle(vector, r, prior, DECIDES)
             if _less(left_out, lowest, BELIEF):  # a looser tie must be significantly better
                 best, tie, lowest = (vector, r, prior), looser, left_out
     if tie:
-        vector, *_, trace = problem.settle(*best, ENOUGH)
-        losses += trace
-    return Training(CalibrationNet.from_vector(vector if tie else best[0]), tie, tuple(losses))
+        vector, *_ = problem.settle(*best, ENOUGH)
+    return Training(CalibrationNet.from_vector(vector if tie else best[0]), tie)
 
 
 def _less(trial: np.ndarray, best: np.ndarray, sigmas: float) -> bool:
@@ -136,12 +133,10 @@ class _Problem:
             found[some] = residual.sensitivity(part, net(part.rate))[:, :, :d].transpose(0, 2, 3, 1)
         return found.transpose(0, 3, 1, 2)
 
-    def settle(
-        self, vector: np.ndarray, r: np.ndarray, prior: np.ndarray, enough: float
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[float]]:
+    def settle(self, vector: np.ndarray, r: np.ndarray, prior: np.ndarray, enough: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Minimise with one prior sigma (P,) from weights whose rows are r (n,), until a step gains less than ``enough`` of chi-square;
-        return the weights, their rows, the left-out squared errors (S,), and the loss after each step."""
-        damping, losses = 1e-6, []
+        return the weights, their rows, and the left-out squared errors (S,)."""
+        damping = 1e-6
         pull = (vector - self.identity) / prior
         cost = r @ r + pull @ pull
         turn = self.sensitivity(vector)
@@ -150,7 +145,6 @@ class _Problem:
             normal = scaled.T @ scaled + np.eye(len(vector))
             gradient = scaled.T @ r + pull
             if gradient @ np.linalg.solve(normal, gradient) < PROMISED:
-                losses.append(float(r @ r / len(r)))
                 break
             while True:
                 trial_vector = vector - np.linalg.solve(normal + damping * np.diag(np.diag(normal)), gradient) * prior
@@ -163,10 +157,9 @@ class _Problem:
             gain = cost - trial_cost
             if gain > 0:
                 vector, r, pull, cost, damping = trial_vector, trial, trial_pull, trial_cost, max(damping / 10, 1e-9)
-            losses.append(float(r @ r / len(r)))
             if gain < enough:
                 break
-        return vector, r, self.left_out(r, scaled, normal), losses
+        return vector, r, self.left_out(r, scaled, normal)
 
     def left_out(self, r: np.ndarray, scaled: np.ndarray, normal: np.ndarray) -> np.ndarray:
         """Return the squared residual (S,) of each segment when left out of the fit (PRESS; Allen 1974), in the linear approximation."""
@@ -225,4 +218,4 @@ class _Begins:
 
 def _fit(begins: _Begins, seen: FitInput) -> tuple[CalibrationNet, dict]:
     trained = train_second_order(seen.batch, seen.sigma, progress=seen.progress, **begins.of(seen))
-    return trained.net, {"tie": trained.tie, "loss": list(trained.loss)}
+    return trained.net, {}

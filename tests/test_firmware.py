@@ -2,6 +2,7 @@
 
 import contextlib
 import ctypes
+import json
 import re
 import struct
 
@@ -119,7 +120,7 @@ def test_recorded_from_the_board_and_calibrated_there_equals_calibrated_here(tmp
     rows = np.loadtxt(ROOT / "data" / "session1" / "log0001.csv.gz", np.int64, delimiter=",", skiprows=2, max_rows=2700)
     t_us, registers = rows[:, 0], rows[:, 1:].astype(np.int16)
     elf = kit.build("tinygc.elf", write_model(tmp_path / "model", "tinygc_denoised"), tmp_path, SERIAL="4711")
-    folder, words = tmp_path / "recorded", ("--segments", 1, "--no-coach", "--mute")
+    folder, words = tmp_path / "recorded", ("--segments", 1, "--no-coach", "--mute", "--json", tmp_path / "record.json")
     with contextlib.ExitStack() as running:
         host_port, sensor_port = kit.ports_under_qemu(
             elf, lambda command, **how: running.enter_context(started(command, limit_s=4 * PATIENCE_S, **how))
@@ -130,9 +131,9 @@ def test_recorded_from_the_board_and_calibrated_there_equals_calibrated_here(tmp
         record = running.enter_context(started(command, stderr=PIPE, stdout=PIPE, text=True))
         until(lambda: (folder / "raw.times").exists() and "open" in (folder / "raw.times").read_text(), what="an open port")
         rates = link.calibrate(t_us, registers)
-        said, trouble = record.communicate()
+        _, trouble = record.communicate()
     assert record.returncode == 0, trouble
-    assert said.startswith("Done: 1 turn in ")
+    assert json.loads((tmp_path / "record.json").read_text())["segments"]["accepted"] == 1
 
     registers = np.pad(registers[:, :3] * F(17.5e-3 * DEG), ((0, 0), (0, 4)))
     host = program(WHOLE).run(as_inputs(registers))

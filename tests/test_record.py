@@ -53,13 +53,10 @@ def test_from_the_board_to_the_session(board, run, tmp_path):
     for name in ("gyro", "accel", "temp_c"):
         assert np.array_equal(getattr(mine, name), getattr(theirs, name))
     assert np.abs((mine.t_ns - mine.t_ns[0]) - (theirs.t_ns - theirs.t_ns[0])).max() <= 1000
-    code, _, said = run("record", *words)
-    assert code == 2
-    assert "holds a recording; --resume goes on with it" in said
+    assert run("record", *words)[0] == 2
     code, again, said = run("record", *words, "--resume")
     assert code == 0, said
     assert json.loads(again)["segments"] == told["segments"]  # all of it is there, and nothing is asked for any more
-    assert "resumed:" not in said
 
 
 def test_every_signal_ends_a_recording_like_ctrl_c(wire, tmp_path):

@@ -194,6 +194,7 @@ def stills(table, angles_deg, true_deg=None):
     ("true_deg", "says"),
     [
         ([(0, 0), (90, 0), (90, 90), (0, 90), (0, 0)], []),
+        ([(0, 0), (-90, 0)], ["middle: the gyroscope turned the other way round", "gravity lies 180.0 deg"]),
         ([(0, 0), (0, 0)], ["middle: the machine reports 90 deg, the gyroscope saw 0.0: it is stalled", "gravity lies 90.0 deg"]),
         ([(0, 0), (90, 0), (90, 90), (0, 90), (3, 0)], ["gravity lies 3.0 deg from where the machine's angles put it (2.0 at most): lost"]),
     ],

@@ -3,13 +3,12 @@
 import errno
 import os
 import shutil
-from pathlib import Path
 
 import pytest
 from dialect_logs import inertial, make
 
 from session.base.errors import StorageError
-from session.base.files import naming, result_folder
+from session.base.files import result_folder
 from session.base.results import write_text_whole
 
 
@@ -51,12 +50,6 @@ def test_a_folder_that_was_there_or_holds_something_stays(full_disk, tmp_path):
     with pytest.raises(StorageError):
         two_files()
     assert sorted(str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*")) == ["mine", "new", "new/first"]
-
-
-def test_other_errors_keep_what_they_say():
-    with pytest.raises(PermissionError) as said, naming(Path("result")):
-        raise PermissionError(errno.EACCES, "Permission denied", "elsewhere")
-    assert said.value.filename == "elsewhere"
 
 
 def test_an_export_and_an_import_to_a_full_disk(simulated, full_disk, tmp_path, run):

@@ -16,7 +16,7 @@ from tinygc.features.discovery import engine
 from tinygc.features.discovery.effect_file import FULL_SCALE, Where, written
 from tinygc.features.discovery.engine import MOST_LACKING, not_observed, observed, share_lacking
 from tinygc.features.discovery.enumeration import bits, enumerated
-from tinygc.features.discovery.form import PATTERNS, Factor, LawForm, unit_of
+from tinygc.features.discovery.form import PATTERNS, Factor, LawForm
 from tinygc.features.discovery.law_effect import as_effect, columns_of, device_of
 from tinygc.features.discovery.quantities import largest_of
 from tinygc.features.discovery.words import (
@@ -54,25 +54,6 @@ def movement():
 )
 def test_a_coefficient_has_the_unit_that_its_factors_leave(form, unit):
     assert form.coefficient_unit == unit
-
-
-@pytest.mark.parametrize(
-    ("made", "says"),
-    [
-        (lambda: Factor("temperature_rate", "decay"), "no proper unit without its scale, a positive number of °C/s"),
-        (lambda: Factor("rate", "beyond", -0.1), "without its threshold"),
-        (lambda: Factor("rate", "square", 2.0), "takes no constant"),
-        (lambda: Factor("rate", lag_s=0.0), "positive number of seconds"),
-        (lambda: Factor("colour"), "'colour' is no quantity"),
-        (lambda: Factor("rate", "sinh"), "'sinh' is no function"),
-        (lambda: LawForm((Factor("vibration"),), "full"), "vibration (scalar) has no pattern 'full'"),
-        (lambda: LawForm((Factor("rate"), Factor("vibration")), "next"), "has no pattern 'next'"),
-        (lambda: unit_of("furlong"), "no unit of a quantity"),
-    ],
-)
-def test_what_has_no_proper_unit_or_pattern_cannot_be_built(made, says):
-    with pytest.raises(ValueError, match=re.escape(says)):
-        made()
 
 
 # Columns.

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from fleets import simulated_lot, written_fleet
 from formats_page import strangers
-from processes import refused, unread
+from processes import unread
 
 import calibrate
 from session.base.errors import FormatError
@@ -79,10 +79,7 @@ def test_what_is_written_reads_back_the_same(file):
 )
 def test_what_is_no_lot_is_refused_in_one_line(file, change, says, tmp_path):
     table, path = json.loads(file[1].read_text(encoding="utf-8")), tmp_path / "lot.json"
-    if isinstance(change, dict):
-        change = json.dumps({key: value for key, value in (table | change).items() if value is not ...})
-    if change is not None:
-        path.write_text(change, encoding="utf-8")
+    path.write_text(json.dumps(table | change), encoding="utf-8")
     with pytest.raises(FormatError, match=re.escape(says)) as refused:
         read_lot(path)
     assert "\n" not in str(refused.value)
@@ -134,10 +131,6 @@ def test_a_table_without_a_lot_is_refused_in_one_line(fleet, words, says, capsys
     error = capsys.readouterr().err
     assert says in error
     assert error.count("\n") == 1
-
-
-def test_a_lot_is_of_no_use_without_a_gyroscope(run):
-    refused(run("fit", "s", "--accelerometer", "alone", "--lot", "l"), "--lot: of no use with --accelerometer alone; leave it out")
 
 
 def test_the_verdict_stands_though_nobody_reads(tmp_path, monkeypatch):

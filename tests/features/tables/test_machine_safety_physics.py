@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from processes import refused, until
-from virtual_tables import HOMED, MAKES, OWN, Bench, SimulatedClock, VirtualLink, axis, description
+from virtual_tables import HOMED, MAKES, OWN, Bench, VirtualLink, axis, description
 
 from session.base.errors import CalibrationError, FormatError
 from session.base.units import DEG
@@ -158,19 +158,6 @@ def test_no_pattern_makes_a_reader_wait():
         assert Pattern("*a*a*b").match(line) is None
     assert time.process_time() - begin_s < 5  # with numbers that may be split at any digit: minutes
     assert LONGEST_LINE <= 200
-
-
-@pytest.mark.parametrize(
-    ("table", "expected"),
-    [
-        (description("grbl", steps=3.0), "no such setting"),
-        (description("nothing"), "no make 'nothing'"),
-        (description("grbl", count_per_deg=0), "expected a number that is not 0"),
-    ],
-)
-def test_a_description_that_does_not_fit_its_make(table, expected):
-    with pytest.raises(FormatError, match=re.escape(expected)):
-        open_table(table, link=Bench(description("line")).link, clock=SimulatedClock())
 
 
 # Nothing moves that nobody confirmed, and nothing beyond its limits.

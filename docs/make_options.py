@@ -53,7 +53,6 @@ FUNCTIONS = {
     "table": "tinygc.features.tables.machines.makes.open_table",
     "table record": "tinygc.features.tables.recording.TurnedRecording",
     "rates": "tinygc.estimate_rates",
-    "rates record": "tinygc.features.tables.recording.TurnedRecording",
     "temperature": "tinygc.fit_temperature",
     "challenge": "tinygc.features.challenge.examination.examine",
 }

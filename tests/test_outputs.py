@@ -105,7 +105,7 @@ def test_every_path_of_every_command_says_whether_it_is_read_or_written():
     }  # which has no result but a page
     assert {*EACH_KIND, ("board", "--config"), ("board", "--link")} < set(outputs(*FILES))
     names = "temperature check record import noise rates history budget fit explain export simulate fleet demo"
-    recording = {"noise record", "table record", "rates record"}
+    recording = {"noise record", "table record"}
     assert {name for name, _ in outputs(folder_written)} == {*names.split(), *recording} & set(commands())
 
 

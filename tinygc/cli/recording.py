@@ -100,7 +100,7 @@ class Recording(Command, Stream):
         """Return a context with what turns the table, its plan confirmed; None where a person does."""
         return contextlib.nullcontext()
 
-    def guide(self, machine: Any, protocol: Protocol) -> Guide:
+    def guide(self, protocol: Protocol) -> Guide:
         """Return the guide of the recording."""
         raise NotImplementedError
 
@@ -144,7 +144,7 @@ class Turning(Recording):
         """How many turns at most, and whether to stop as soon as every number is good enough."""
         return self.segments or MOST_TURNS, self.segments is None and self.coached
 
-    def guide(self, machine: Any, protocol: Protocol) -> Guide:
+    def guide(self, protocol: Protocol) -> Guide:
         """Return the guide of the turns."""
         from session.bench.guide import Guide
 

@@ -1,4 +1,4 @@
-"""What a session of a table would observe, drawn without its samples, for questions of statistics; and recordings of rate steps.
+"""What a session of a table would observe, drawn without its samples, for questions of statistics.
 
 The truth is exact (``true_attitudes``) at the edges of equal blocks; the sensor's noise and effects are those of its means over
 them.
@@ -10,17 +10,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from imperfect_tables import AxisErrors, AxisTrack, TableErrors, motion_on, true_attitudes
+from imperfect_tables import AxisTrack, TableErrors, true_attitudes
 from scipy.spatial.transform import Rotation
 
 from session.base.units import DEG, DEG_PER_HOUR, EARTH_RATE_RPS, G
 from tinygc.effects import Effect, Movement
-from tinygc.features.tables.machines.angles import header, row
-from tinygc.features.tables.machines.description import Axis, Description
+from tinygc.features.tables.machines.description import Description
 from tinygc.features.tables.observed import Observed
 from tinygc.inference.noise import wander_covariance
-from tinygc.simulation.options import SimulatedUnit, SimulationOptions
-from tinygc.simulation.sensor import SensorModel
 
 
 @dataclass(frozen=True)
@@ -206,83 +203,3 @@ def draw(summary, seed):
         np.zeros(len(blocks), dtype=bool),
         answer_at,
     )
-
-
-# Rate steps of one axis.
-
-
-ODR_HZ, ANSWERS_HZ = 104.0, 50.0
-
-
-DOWN = Axis("turn", np.array([0.0, 0.0, 1.0]), 400 * DEG, 400 * DEG, 0.005 * DEG, word="X")
-
-
-TABLE = Description("bench", "virtual", (DOWN,))
-
-
-TOML = """schema = "tinygc-table/1"
-make = "virtual"
-[[axis]]
-name = "turn"
-direction = [0, 0, 1]
-fastest_dps = 400
-acceleration_dps2 = 400
-sigma_deg = 0.005
-"""
-
-
-SESSION = """schema = "tinygc-session/1"
-
-[sensor]
-model = "LSM6DS3"
-odr_hz = 104.0
-gyro_fs_dps = 500
-accel_fs_g = 4
-
-[site]
-latitude_deg = 50.0
-gravity_mps2 = 9.81
-"""
-
-
-def unit(scale=1.0, odr_hz=ODR_HZ):
-    """A unit whose gyroscope reads scale times the rate."""
-    return SimulatedUnit(np.eye(3) / scale, np.zeros(3), np.eye(3), np.zeros(3), np.zeros(3), odr_hz, 0.0)
-
-
-def steps(rates_dps, dwell_s):
-    """A track that turns at one rate after the other; and when it ends, s."""
-    track, t_s = AxisTrack(), 1.0
-    for rate in rates_dps:
-        track.turn_at(t_s, rate * DEG, DOWN.acceleration_rps2)
-        t_s += dwell_s
-    track.turn_at(t_s, 0.0, DOWN.acceleration_rps2)
-    return track, t_s + 1.0
-
-
-def record(
-    folder,
-    track,
-    ends_s,
-    *,
-    scale=1.0,
-    distort=None,
-    noise=5.0,
-    limits="",
-):
-    """Write the folder of a recording."""
-    folder.mkdir(parents=True, exist_ok=True)
-    options = SimulationOptions(seed=1, gyro_noise_dps_rthz=noise * 1e-3, odr_hz=ODR_HZ, gyro_fs_dps=500, bias_instability_dph=0.0)
-    motion = motion_on(TABLE, TableErrors((AxisErrors(),)), [track], options, unit(scale))
-    log = SensorModel(options, unit(scale), motion, distort).take(int(ends_s * ODR_HZ))
-    lines = ["t_us,gx,gy,gz,ax,ay,az,temp"]
-    lines += [",".join(map(str, cells)) for cells in np.column_stack([log.t_us, log.gyro, log.accel, log.temp]).tolist()]
-    (folder / "rates0001.csv").write_text("\n".join(lines) + "\n")
-    (folder / "session.toml").write_text(SESSION)
-    (folder / "table.toml").write_text(TOML + limits)
-    rng = np.random.default_rng(1)
-    t_s = np.arange(0.0, ends_s - 0.1, 1 / ANSWERS_HZ)
-    reported = track.reported(t_s) + 0.002 * DEG * rng.normal(size=len(t_s))
-    rows = [row("rates0001.csv", round(s * 1e6), None, True, [angle]) for s, angle in zip(t_s.tolist(), reported, strict=True)]
-    (folder / "table.csv").write_text("\n".join([header(TABLE), *rows, ""]))
-    return folder

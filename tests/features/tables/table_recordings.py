@@ -214,20 +214,16 @@ class Bench:
         mechanics.unknown = [0.0] * len(mechanics.unknown)  # whoever homes it sees no jump of its angles
         self.bench.home()
 
-    def record(self, segments=4, closure_s=0.0, interrupted=None, each=None, rates=None, dwell_s=4.0):
+    def record(self, segments=4, closure_s=0.0, interrupted=None, each=None):
         """Guide and messages of a recording into the folder, which may hold one already.
 
-        each: called in every round with guide and mover; interrupted(guide): Ctrl-C; rates: dps, of rate steps instead of turns.
+        each: called in every round with guide and mover; interrupted(guide): Ctrl-C.
         """
         bench, reported = self.bench, Said()
         session_file = SessionFile(self.folder, None, None, None, None)
         machine = TurnedRecording(self.file, opened=bench.opened, now_s=bench.clock.now_s)
-        if rates is None:
-            guide = Guide(session_file.protocol, segments, False, closure_s)
-            machine.confirmed(False, segments, False, closure_s, yes=True, quiet=True)
-        else:
-            machine.confirmed_rates(rates, dwell_s, None, True, True)
-            guide = machine.guide(session_file.protocol)
+        guide = Guide(session_file.protocol, segments, False, closure_s)
+        machine.confirmed(False, segments, False, closure_s, yes=True, quiet=True)
         recorder = Recorder(self.folder, PORT, port=bench.port)
 
         def configure(info, waited_s):
@@ -240,7 +236,7 @@ class Bench:
 
         try:
             mover = machine.mover(self.folder, guide)
-            coach = Coach(machine=machine.moves) if rates is None else None
+            coach = Coach(machine=machine.moves)
             guided = GuidedRecording(guide, recorder, configure, coach, reported, session_file, lambda: "", mover=mover)
             bench.holds = lambda: guided.coaching
             guided.lead(stopped)

@@ -13,7 +13,7 @@ from imperfect_tables import AxisErrors, AxisTrack
 from scipy.spatial.transform import Rotation
 from table_recordings import table_toml
 
-from session.base.errors import CalibrationError, StorageError
+from session.base.errors import StorageError
 from session.base.units import DEG, NS
 from session.bench.guide import Moment
 from session.bench.messages import Stage
@@ -21,7 +21,6 @@ from tinygc.features.tables.machines.angles import AngleFile, AngleLog, header, 
 from tinygc.features.tables.machines.description import Axis, Description, attitudes, body_axes, read_description, roll_pitch_yaw
 from tinygc.features.tables.machines.link import Where
 from tinygc.features.tables.machines.mover import PAUSE, TableDriver, TableMover, WordAgainstSensor, _DeviceTime
-from tinygc.features.tables.recording import steps_of
 
 
 def axis(name, direction, backlash_deg=0.0):
@@ -256,12 +255,3 @@ def test_three_stills_in_a_row_that_contradict_the_machine_pause_the_recording(t
     reported += mover.step(guide, Moment("log0001.csv", 0, 0), False)
     assert (mover.wants is PAUSE, driver.stop.called) == (paused, paused)
     assert any(each.text.startswith("3 stills in a row contradict the machine") for each in reported) == paused
-
-
-def test_a_rate_that_an_axis_cannot_hold_for_so_long_is_refused(tmp_path):
-    (tmp_path / "table.toml").write_text(table_toml("inner", limits={"inner": (-170, 170)}))
-    table = read_description(tmp_path / "table.toml")
-    with pytest.raises(CalibrationError, match=r"inner at 80 dps for 4 s turns by 43\d deg, its limits leave 340: a shorter --dwell"):
-        steps_of(table, 0, [80 * DEG], 4.0)
-    with pytest.raises(CalibrationError, match=r"inner at 100 dps: expected above 0 and at most 90, its fastest"):
-        steps_of(table, 0, [100 * DEG], 1.0)

@@ -59,7 +59,7 @@ def test_arrays_in_python(tmp_path):
     [
         (["absent.csv"], "absent.csv"),
         (["table.csv", "--output-column", "volts"], "no column 'volts'"),
-        (["."], "table.toml: not found; a recording of rates"),
+        (["."], "it is a folder, expected a file"),
     ],
 )
 def test_what_is_refused_in_one_line(clipped, run, monkeypatch, words, reported):

@@ -91,7 +91,6 @@ def test_a_table_at_a_port(run, table):
     [
         "table record --table t.toml --home --segments 12 --closure 30 --table-port p",
         "noise record --hours 2 --stop-at-target --known-to 10",
-        "rates record --table t.toml --rates 10,20 --dwell 5 --axis inner",
     ],
 )
 def test_the_printed_command_goes_on_with_what_was_asked(given):

@@ -18,7 +18,6 @@ from session.bench.guide import Guide
 from session.bench.messages import Kind, Stage
 from session.detect.stills import SessionStills
 from session.log.config import Protocol
-from session.log.registers import gyro_rps_per_lsb
 from tinygc import CalibrationError, read_session
 from tinygc.closure.prepared import prepare
 from tinygc.features.tables.explanation import explain_table
@@ -128,41 +127,6 @@ def test_a_plan_that_nobody_confirms_moves_nothing(tmp_path, monkeypatch, capsys
         mover.close()
     machine.close()
     assert [track.state(bench.bench.clock.now_s())[0] for track in bench.bench.virtual.tracks] == [0.0, 0.0]
-
-
-def rates_of(bench, log="rates0001.csv"):
-    """(N,) dps of the gyroscope's x, its true calibration applied."""
-    rows = np.genfromtxt(bench.folder / log, delimiter=",", comments="#", skip_header=2)
-    gyro = rows[:, 1:4] * gyro_rps_per_lsb(500) @ bench.bench.unit.E.T + bench.bench.unit.B
-    return gyro[:, 0] / DEG
-
-
-def test_steps_in_both_senses(tmp_path):
-    bench = Bench(tmp_path, table_toml("middle", "inner"))
-    guide, reported = bench.record(rates=(60,), dwell_s=1.5)
-    assert guide.stage is Stage.DONE
-    assert [text for text in reported.texts if text.startswith("step")] == [
-        "step 1 of 2: +60 dps for 1.5 s",
-        "step 2 of 2: -60 dps for 1.5 s",
-    ]
-    rate, odr_hz = rates_of(bench), bench.bench.unit.odr_hz
-    for dps in (60, -60):
-        even = np.abs(rate - dps) < 0.5
-        assert 1.5 <= even.sum() / odr_hz < 3.5
-    assert np.abs(rate[-round(odr_hz / 4) :]).max() < 0.5
-    angles = read_angles(bench.folder / "table.csv", bench.description)["rates0001.csv"]
-    said_dps = np.diff(angles.angles[:, 1]) / np.diff(angles.t_ns * 1e-9) / DEG
-    assert np.quantile(said_dps, 0.99) == pytest.approx(60, rel=0.05)
-    assert np.ptp(angles.angles[:, 0]) < 1e-9  # it rests where its homing ended
-
-
-def test_an_axis_with_limits_begins_at_one_of_them(tmp_path):
-    bench = Bench(tmp_path, table_toml("inner", make="line", limits={"inner": (-170, 170)}))
-    guide, _ = bench.record(rates=(40,), dwell_s=2.0)
-    assert guide.made == 2
-    angles = read_angles(bench.folder / "table.csv", bench.description)["rates0001.csv"].angles / DEG
-    assert angles.min() == pytest.approx(-170, abs=1e-3)
-    assert angles.max() == pytest.approx(170, abs=1e-3)
 
 
 @pytest.mark.broad

@@ -174,7 +174,7 @@ def _led(
         print(recorder.raw.cut, file=sys.stderr)
     if recorder.setting.applied and not args.quiet:
         print(f"the board was set: {', '.join(recorder.setting.applied)}", file=sys.stderr)
-    guide = args.guide(machine, session_file.protocol)
+    guide = args.guide(session_file.protocol)
     title = f"{folder} · {'the virtual board turns by itself, not as requested' if is_virtual(port) else port}"
     failed, problem, guided, interrupted = None, None, None, False
     try:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from session.base.options import option
 from session.base.texts import command_line
@@ -28,7 +28,7 @@ class Options(Recording):
     known_to: float = option(20.0, "how well N, and B or K, are to be known, in per cent", least=1, most=100, metavar="PERCENT")
     stop_at_target: bool = option(False, "stop as soon as they are known so well")
 
-    def guide(self, machine: Any, protocol: Protocol) -> Guide:
+    def guide(self, protocol: Protocol) -> Guide:
         """Return the guide of a rest."""
         from session.bench.rest_guide import RestGuide
         from tinygc.features.noise.live import LiveNoise

@@ -1,4 +1,4 @@
-"""Machines that turn the table: makes, limits, sessions that they turn, rate steps, and the table's own errors."""
+"""Machines that turn the table: makes, limits, sessions that they turn, rates from files, and the table's own errors."""
 
 from __future__ import annotations
 
@@ -64,7 +64,6 @@ FEATURE = Feature(
         "table": ("command", "a table with motors: describe it, home it, turn it", "lab"),
         "table record": ("record_command", "record a session that a table turns", "lab"),
         "rates": ("rates.command", "scale and linearity of a sensor from rate steps", "lab"),
-        "rates record": ("rates.record_command", "record rate steps that a table turns", "lab"),
     },
     public={"estimate_rates": "rates.library"},
     serves={

@@ -1,4 +1,4 @@
-"""``table record``: the table is opened, its plan is confirmed, and a recording gets its mover and its coach; and rate steps."""
+"""``table record``: the table is opened, its plan is confirmed, and a recording gets its mover and its coach."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import textwrap
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,156 +17,21 @@ from session.base.files import copy_new, read_text
 from session.base.names import log_paths
 from session.base.texts import printable
 from session.base.units import DEG
-from session.bench.events import Event
-from session.bench.guide import HOLD_STILLS, Guide, Moment, Mover
-from session.bench.messages import AxisMove, GuideMessage, Instruction, Kind, Stage
+from session.bench.guide import HOLD_STILLS, Guide, Mover
 from session.bench.rawfile import put_aside
 from session.bench.rest_guide import in_words
 from session.detect import accelerometer
 from session.detect.segments import LONGEST_TURN_SEGMENTS
 from session.log.config import Protocol, read_config
-from session.log.samples import Samples
 from tinygc.features.tables.machines import angles, description
 from tinygc.features.tables.machines.angles import AngleFile, write_attitudes
 from tinygc.features.tables.machines.description import Axis, Description, read_description
-from tinygc.features.tables.machines.link import TableLimit
 from tinygc.features.tables.machines.makes import open_table
-from tinygc.features.tables.machines.mover import MOST_OF_SCALE, MachineMover, TableDriver, TableMover
+from tinygc.features.tables.machines.mover import MOST_OF_SCALE, TableDriver, TableMover
 from tinygc.features.tables.machines.safety import Guarded, Move, ask_person
 from tinygc.features.tables.planner import TableMoves, plan_of
 from tinygc.models.linear import PARAMETERS
 from tinygc.planning.turns import Turn
-
-# Rate steps: a table turns at known rates, in both senses, with rests between; the samples go to ``rates*.csv``.
-#
-# A step is: rest, turn at a rate, wait until the rate has settled, dwell, rest.  An axis with limits is first set to the limit that the
-# step turns away from.  Nothing is examined meanwhile; ``rates`` finds the steps in the log by the machine's angles, which ``table.csv``
-# holds.
-
-STEM = "rates"
-#: s: rest before and after each step; of a rate until it is even, beyond its acceleration
-REST_S, SETTLE_S = 3.0, 1.0
-#: rad that stay between a step and the limits
-MARGIN_RAD = 2 * DEG
-
-
-@dataclass(frozen=True)
-class RateStep:
-    """An axis at a rate with its sign, rad/s, for dwell_s once it has settled; start_rad: where it begins, None: anywhere."""
-
-    axis: int
-    rate_rps: float
-    dwell_s: float
-    start_rad: float | None = None
-
-    def seconds(self, table: Description) -> float:
-        """How long it takes, with its rests."""
-        return REST_S + SETTLE_S + self.dwell_s + 2 * abs(self.rate_rps) / table.axes[self.axis].acceleration_rps2
-
-
-def steps_of(table: Description, axis: int, rates_rps: Sequence[float], dwell_s: float) -> list[RateStep]:
-    """The steps of rates (their signs do not count), each in both senses, small ones first.  TableLimit where one does not fit."""
-    of, found = table.axes[axis], []
-    for rate in sorted({abs(rate) for rate in rates_rps}):
-        if not 0 < rate <= of.fastest_rps * (1 + 1e-9):
-            raise TableLimit(f"{of.name} at {rate / DEG:g} dps: expected above 0 and at most {of.fastest_rps / DEG:g}, its fastest")
-        way = rate * (dwell_s + SETTLE_S + rate / of.acceleration_rps2) + MARGIN_RAD
-        for sense in (1.0, -1.0):
-            if way > of.most_rad - of.least_rad:
-                turns = f"{of.name} at {rate / DEG:g} dps for {dwell_s:g} s turns by {way / DEG:.0f} deg"
-                raise TableLimit(f"{turns}, its limits leave {(of.most_rad - of.least_rad) / DEG:.0f}: a shorter --dwell")
-            start = None if of.is_endless else of.least_rad if sense > 0 else of.most_rad
-            found.append(RateStep(axis, sense * rate, dwell_s, start))
-    return found
-
-
-class RatesGuide(Guide):
-    """The guide of rate steps: it begins their log, shows how far they are, and looks for no turn."""
-
-    stem, takes_a_log, of_a_pause = STEM, True, "and belong to no step"
-
-    def __init__(self, protocol: Protocol, steps: int):
-        self.steps, self.made = steps, 0
-        self.says = ""  #: what the table does now
-        super().__init__(protocol, 0)
-
-    @property
-    def so_far(self) -> str:
-        """What is recorded, in words."""
-        return f"{self.made} of {self.steps} rate steps"
-
-    @property
-    def instruction(self) -> Instruction:
-        """What happens: hands off."""
-        if self.stage is Stage.HOLD_STILL:
-            return Instruction(self.stage, "hands off: the table turns at known rates", f"{self.says}; {self.so_far}")
-        return super().instruction
-
-    def _do(self, decision: Event) -> None:
-        """Nothing is decided about steps."""
-
-    def step_made(self, step: RateStep) -> list[GuideMessage]:
-        """A step is recorded; the last one ends the recording."""
-        self.made += 1
-        self._announce(Kind.ACCEPTED, f"step {self.made} of {self.steps}: {step.rate_rps / DEG:+g} dps for {step.dwell_s:g} s")
-        if self.made >= self.steps:
-            self._finish()
-        return self._take_messages()
-
-    def _block(self, samples: Samples) -> None:
-        self.here.take(samples, remember=False)
-
-
-class RateMover(MachineMover):
-    """Makes the steps, one after the other; one that was interrupted is made again."""
-
-    def __init__(self, driver: TableDriver, steps: Sequence[RateStep]):
-        super().__init__(driver)
-        self._steps = list(steps)
-        self._phase, self._since_s = "begin", 0.0
-        self._log = ""
-
-    def stop(self) -> None:
-        """Bring the table to rest at once."""
-        super().stop()
-        self._phase = "begin"
-
-    def _round(self, guide: Guide, moment: Moment | None, coaching: bool) -> None:
-        assert isinstance(guide, RatesGuide)
-        log = moment.log if moment is not None else ""
-        # Whatever comes: the present step is made again, from rest
-        if guide.stage is Stage.PAUSED or self._is_blind(moment) or log != self._log:
-            if self._phase not in ("begin", "rest"):
-                self.driver.stop()
-            self._phase, self._log = "begin", log
-        elif guide.stage is Stage.HOLD_STILL and not self._stopped and self.driver.where is not None:
-            self._messages += self._go_on(guide)
-
-    def _go_on(self, guide: RatesGuide) -> list[GuideMessage]:
-        step, driver = self._steps[guide.made], self.driver
-        axis = driver.table.description.axes[step.axis]
-        lasted_s = driver.now_s() - self._since_s
-        guide.says = f"{axis.name} {step.rate_rps / DEG:+g} dps"
-        if self._phase == "begin" and not driver.busy:
-            assert driver.where is not None
-            if step.start_rad is not None and abs(step.start_rad - driver.where.angles[step.axis]) > MARGIN_RAD / 2:
-                driver.make([AxisMove(step.axis, step.start_rad, axis.fastest_rps)])
-                return []
-            self._enter("rest")
-        elif self._phase == "rest" and lasted_s >= REST_S:
-            driver.turn_at(step.axis, step.rate_rps)
-            self._enter("turn")
-        elif self._phase == "turn" and lasted_s >= abs(step.rate_rps) / axis.acceleration_rps2 + SETTLE_S + step.dwell_s:
-            driver.turn_at(step.axis, 0.0)
-            self._enter("brake")
-        elif self._phase == "brake" and not driver.busy:
-            self._phase = "begin"
-            return guide.step_made(step)
-        return []
-
-    def _enter(self, phase: str) -> None:
-        self._phase, self._since_s = phase, self.driver.now_s()
-
 
 MOST_BYTES = 1_000_000
 MASTER = "its own emergency stop stays master: keep it in reach; s stops the table at once, p pauses"
@@ -226,7 +91,6 @@ class TurnedRecording:
         self.description = described if port is None else replace(described, port=port)
         self._guards = ExitStack()
         self._plan: list[Move] = []
-        self._steps: list[RateStep] = []
         angles = np.zeros(len(described.axes))
         try:
             self._table: Guarded | None = self._open()
@@ -242,7 +106,9 @@ class TurnedRecording:
         self.moves = TableMoves(self.description, angles, HOLD_STILLS * Protocol().still_s)
 
     def confirmed(self, own: bool, segments: int, stop_at_target: bool, closure_s: float, yes: bool, quiet: bool = False) -> None:
-        """Print the plan, and have it confirmed.  CalibrationError where no one does, or where the table can make no turn.
+        """Print the plan, have it confirmed, and search the reference marks where that was requested: it is part of the plan.
+
+        CalibrationError where no one confirms it, or where the table can make no turn.
 
         own: whether the accelerometer is not calibrated.
         """
@@ -251,55 +117,19 @@ class TurnedRecording:
         shows_little = len(unseen) > (1 - LEAST_SHOWN) * parameters
         axes = enumerate(zip(self.description.axes, self.moves.limits, strict=True))
         self.moves.first = turns[0].moves
-        self._confirm(
-            self._turns_lines(turns, unseen, segments, closure_s, parameters),
-            [Move(k, limits[0], limits[1], axis.fastest_rps) for k, (axis, limits) in axes],
-            (yes, quiet),
-            *([SHOWS_LITTLE] if shows_little else []),
-        )
-
-    def confirmed_rates(
-        self,
-        rates_dps: Sequence[float],
-        dwell_s: float,
-        axis: str | None,
-        yes: bool,
-        quiet: bool = False,
-    ) -> None:
-        """Print the plan of rate steps, and have it confirmed.  axis: its name, None: the innermost one."""
-        table = self.description
-        number = len(table.axes) - 1 if axis is None else table.axis(axis)
-        self._steps = steps_of(table, number, [rate * DEG for rate in rates_dps], dwell_s)
-        of, seconds = table.axes[number], sum(step.seconds(table) for step in self._steps)
-        rates = ", ".join(f"{step.rate_rps / DEG:+g}" for step in self._steps)
-        each = f"{of.name} at {rates} dps, {dwell_s:g} s each, with rests between"
-        limits = "it turns many times: may the sensor's cable?" if of.is_endless else "each step begins at a limit of the axis"
-        fastest = max(abs(step.rate_rps) for step in self._steps)
-        back = [] if of.is_endless else [Move.anywhere(table, number, of.fastest_rps)]
-        self._confirm(
-            [f"{each}: {len(self._steps)} steps in {in_words(seconds)}", limits],
-            [Move.at(number, fastest, max(step.seconds(table) for step in self._steps)), *back],
-            (yes, quiet),
-        )
-
-    def _confirm(self, lines: Sequence[str], moves: list[Move], yes_quiet: tuple[bool, bool], *questions: str) -> None:
-        """Print a plan, have it confirmed, and search the reference marks where that was requested: it is part of the plan."""
-        table, (yes, quiet) = self.description, yes_quiet
         if not (quiet and yes):
+            lines = self._turns_lines(turns, unseen, segments, closure_s, parameters)
             of = [*self._notes, *([HOME] if self._home else []), *lines, MASTER, WAY_FREE]
+            table = self.description
             plan = [f"plan of {table.name} ({table.make}): from here on it turns by itself", *(f"  {line}" for line in of)]
             print("\n".join(map(printable, plan)), file=sys.stderr, flush=True)
-        for question in () if yes else ("turn? (yes)", *questions):
+        for question in () if yes else ("turn? (yes)", *([SHOWS_LITTLE] if shows_little else [])):
             ask_person(question, UNCONFIRMED)
-        self._plan = moves
+        self._plan = [Move(k, *limits, axis.fastest_rps) for k, (axis, limits) in axes]
         if self._home and self._table is not None:
             self._table.confirm([Move.home()], None, lambda line: None)
             self._table.home()
             self.moves.angles = self._table.settle().angles
-
-    def guide(self, protocol: Protocol) -> RatesGuide:
-        """The guide of the rate steps that were confirmed."""
-        return RatesGuide(protocol, len(self._steps))
 
     def _turns_lines(self, plan: Sequence[Turn], unseen: Sequence[str], segments: int, closure_s: float, parameters: int) -> list[str]:
         """Axes with the largest angle and rate that will be used, likely turns, their time, and what they do not show."""
@@ -340,7 +170,7 @@ class TurnedRecording:
         self.moves.hold_s, self.moves.longest_s = guide.hold_s, LONGEST_TURN_SEGMENTS * guide.protocol.segment_s
         file, alone = AngleFile(folder / angles.NAME, self.description), self._now_s is None
         driver = TableDriver(table, file, self._now_s or time.monotonic, in_thread=alone)
-        return RateMover(driver, self._steps) if self._steps else TableMover(driver, self.moves)
+        return TableMover(driver, self.moves)
 
     def finish(self, folder: Path, renamed: Mapping[str, str]) -> str:
         """Name the logs in ``table.csv`` as they are named now, and write ``attitudes.csv``; returns what was written, in words."""

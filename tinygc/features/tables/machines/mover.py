@@ -89,18 +89,17 @@ class TableDriver:
 
     now_s: monotonic clock of the host; in_thread: ``tick`` runs in a thread, else the caller calls it.
 
-    where: the last answer, None before the first; fault: why nothing moves, empty if nothing is wrong; done: number of finished moves.
+    where: the last answer, None before the first; fault: why nothing moves, empty if nothing is wrong.
     """
 
     def __init__(self, table: Guarded, file: AngleFile, now_s: Callable[[], float] = time.monotonic, in_thread: bool = True):
         self.table, self._file, self.now_s = table, file, now_s
         self.where: Where | None = None
-        self.fault, self.done = "", 0
+        self.fault = ""
         self.trouble: CalibrationError | None = None  #: what ended the thread
         self._log, self._device = "", _DeviceTime()
         self._queue: deque[AxisMove] = deque()
         self._sent: AxisMove | None = None
-        self._rate: tuple[int, float] | None = None  # an axis that turns at a rate, or was ordered to stop
         self._halted, self._requested_s = False, -EVERY_S
         self._uncommanded_s: float | None = None  # since when it moves though it got no command
         self._lock = threading.RLock()
@@ -113,7 +112,7 @@ class TableDriver:
     def busy(self) -> bool:
         """Whether moves are under way or to come, by what was sent and by what the table answers.  It never waits for an answer."""
         where = self.where
-        return bool(self._queue) or self._sent is not None or self._rate is not None or (where is not None and where.moving)
+        return bool(self._queue) or self._sent is not None or (where is not None and where.moving)
 
     def heard(self, moment: Moment) -> None:
         """Samples have arrived, and which log they went to.  It never waits for an answer."""
@@ -128,20 +127,11 @@ class TableDriver:
             self._halted = False
             self._queue.extend(moves)
 
-    def turn_at(self, axis: int, rate_rps: float) -> None:
-        """Turn an axis at a rate with its sign from now on; 0 brings it to rest.  TableLimit for a rate beyond what it can do."""
-        if rate_rps:
-            self.table.require_rate(axis, rate_rps)
-        with self._lock:
-            self._halted = False
-            self._rate = axis, rate_rps
-            self._request(lambda: self._send(lambda: self.table.turn_at(axis, rate_rps)))
-
     def stop(self) -> None:
         """Bring all axes to rest at once, and forget all moves.  It may be called from any thread."""
         self._halted = True  # without the lock, which a late answer may hold
         self._queue.clear()
-        self._sent = self._rate = None
+        self._sent = None
         self.where = None  # the last answer was of a motion
         try:
             self.table.stop()
@@ -211,12 +201,9 @@ class TableDriver:
         elif self.now_s() - self._uncommanded_s > REST_S:
             self._uncommanded_s = None
             raise TableFault(f"{self.table.description.name}: it moves without a command; it was ordered to stop")
-        if self._rate is not None:
-            if not where.moving:  # it was ordered to stop, or its limit ended it
-                self._rate, self.done = None, self.done + 1
-        elif self._sent is not None and not where.moving:
-            self._sent, self.done = None, self.done + 1
-        if self._queue and self._sent is None and self._rate is None and not where.moving:
+        if self._sent is not None and not where.moving:
+            self._sent = None
+        if self._queue and self._sent is None and not where.moving:
             try:
                 self._sent = move = self._queue[0]  # before it leaves the queue: ``busy`` sees it in either place
                 self._queue.popleft()
@@ -230,7 +217,7 @@ class TableDriver:
         if not self._halted:
             verb()
         if self._halted:
-            self._sent = self._rate = None
+            self._sent = None
             self.table.stop()
 
 
@@ -344,16 +331,22 @@ PUT_RIGHT = (
 )
 
 
-class MachineMover:
-    """What the movers of a recording (``session.bench.guide.Mover``) share: faults, pauses, and what is reported of them."""
+class TableMover:
+    """The mover of a recording (``session.bench.guide.Mover``): makes its turns, and reports faults and pauses."""
 
-    def __init__(self, driver: TableDriver):
-        self.driver = driver
+    def __init__(self, driver: TableDriver, moves: TableMoves):
+        self.driver, self._moves = driver, moves
         self.wants: Event | None = None
         self._stopped = False  # by the operator, a fault, or contradictions: until the recording goes on
         self._was_paused = False
         self._messages: list[GuideMessage] = []
         self._now_s = 0.0
+        self._word = WordAgainstSensor(driver.table.description)
+        self._stills: int | None = None  # of the guide, that were compared
+        self._log, self._begun_ns = "", 0  # of the last still that was compared, and about when it began
+        self._contradictions = 0  # in a row
+        self._made_s: float | None = None  # when the last move had ended, and no still has followed
+        self._mark: np.ndarray | None = None  # angles of the closure run's mark
 
     def step(self, guide: Guide, moment: Moment | None, coaching: bool) -> list[GuideMessage]:
         """One round of the recording."""
@@ -366,8 +359,8 @@ class MachineMover:
         driver.tick_if_alone()
         if self._was_paused and not paused:
             driver.clear()
-            self._stopped = False
-            self._goes_on()
+            self._stopped, self._contradictions, self._made_s = False, 0, None
+            self._word.interrupted()
         self._was_paused = paused
         if driver.fault and not self._stopped:
             self._halt(f"the table is stopped: {driver.fault}")
@@ -379,20 +372,11 @@ class MachineMover:
         """Bring the table to rest at once."""
         self.driver.stop()
         self._stopped = True
+        self._word.interrupted()
 
     def close(self) -> None:
         """Bring the table to rest and let go of it."""
         self.driver.close()
-
-    def _round(self, guide: Guide, moment: Moment | None, coaching: bool) -> None:
-        """Begin what the guide waits for, where nothing is wrong."""
-
-    def _goes_on(self) -> None:
-        """A pause has ended."""
-
-    def _is_blind(self, moment: Moment | None) -> bool:
-        """Whether no one sees what the table does."""
-        return moment is not None and self.driver.now_s() - moment.host_ns * NS > BLIND_S
 
     def _halt(self, why: str) -> None:
         """Stop, and pause until somebody has looked at it."""
@@ -403,33 +387,11 @@ class MachineMover:
     def _say(self, text: str) -> None:
         self._messages.append(GuideMessage(Kind.WARNING, text, self._now_s))
 
-
-class TableMover(MachineMover):
-    """Makes the turns of a session."""
-
-    def __init__(self, driver: TableDriver, moves: TableMoves):
-        super().__init__(driver)
-        self._moves = moves
-        self._word = WordAgainstSensor(driver.table.description)
-        self._stills: int | None = None  # of the guide, that were compared
-        self._log, self._begun_ns = "", 0  # of the last still that was compared, and about when it began
-        self._contradictions = 0  # in a row
-        self._made_s: float | None = None  # when the last move had ended, and no still has followed
-        self._mark: np.ndarray | None = None  # angles of the closure run's mark
-
-    def stop(self) -> None:
-        """Bring the table to rest at once."""
-        super().stop()
-        self._word.interrupted()
-
-    def _goes_on(self) -> None:
-        self._contradictions, self._made_s = 0, None
-        self._word.interrupted()
-
     def _round(self, guide: Guide, moment: Moment | None, coaching: bool) -> None:
         driver = self.driver
         guide.any_turn = THE_TABLE_TURNS
-        if driver.busy and self._is_blind(moment) and not self._stopped:  # it goes on when the guide has seen a still
+        blind = moment is not None and driver.now_s() - moment.host_ns * NS > BLIND_S
+        if driver.busy and blind and not self._stopped:  # it goes on when the guide has seen a still
             driver.stop()
             self._word.interrupted()
             guide.waits(Stage.CHECK_STREAM, "no samples while the table moves")

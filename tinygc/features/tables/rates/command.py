@@ -1,4 +1,4 @@
-"""``rates``: scale, nonlinearity and clipping of a sensor on a rate table, of points in a CSV or of a recording."""
+"""``rates``: scale, nonlinearity and clipping of a sensor on a rate table, of points in a CSV."""
 
 from __future__ import annotations
 
@@ -15,10 +15,7 @@ from tinygc.features.tables.feature import Columns
 class Options(Columns, Pictures, Command):
     """Options of ``rates``."""
 
-    source: Path = argument(
-        "a CSV of rates and mean outputs, or a folder with rates*.csv, table.toml and table.csv",
-        metavar="FILE|DIR",
-    )
+    source: Path = argument("a CSV of rates and mean outputs", metavar="FILE")
     verbose: bool = option(False, "print all numbers of several sensors, and what other laws leave")
     out: Path | None = option(None, "where rates.json, rates.html and rates.svg go", metavar="DIR", read=folder_written)
 

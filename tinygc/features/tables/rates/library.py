@@ -18,7 +18,6 @@ from tinygc.features.tables.rates.choice import RIVAL, Choice, HeldOut, choose
 from tinygc.features.tables.rates.fitting import REFUTED, Number
 from tinygc.features.tables.rates.laws import EXTRAS, LAWS
 from tinygc.features.tables.rates.points import Points, points_of, read_points, settings_of
-from tinygc.features.tables.rates.recording import read_recording
 from tinygc.features.tables.rates.terms import TermRow, left_open, terms
 from tinygc.library.arguments import is_path, public
 from tinygc.library.records import Kept
@@ -293,8 +292,7 @@ def estimate_rates(source: Any, *, sigma: Any = None, progress: Progress | None 
     Parameters
     ----------
     source : str, Path, or tuple of arrays
-        A CSV of rates and outputs; a folder with ``rates*.csv``, ``table.toml`` and ``table.csv``; or ``(rate_dps, output)``: (N,) °/s and
-        (N,), in the order in which they were taken.
+        A CSV of rates and outputs; or ``(rate_dps, output)``: (N,) °/s and (N,), in the order in which they were taken.
     sigma : array_like, optional
         (N,) sigma of each output, where it is known, of arrays.
     progress : callable, optional
@@ -333,10 +331,8 @@ def estimate_rates(source: Any, *, sigma: Any = None, progress: Progress | None 
         name, points = "arrays", [points_of("arrays", columns.unit or "units", rate, out, [""] * len(rate), known)]
     elif sigma is not None:
         raise CalibrationError("estimate_rates: sigma is of arrays; a CSV has a column std and --readings")
-    elif (path := Path(source)).is_dir():
-        name, (points, remarks) = path.name, read_recording(path, notify)
     else:
-        name, (points, remarks) = path.name, read_points(path, columns)
+        name, (points, remarks) = Path(source).name, read_points(Path(source), columns)
     laws = []
     for number, own in enumerate(points):
         notify(f"laws of {own.sensor}", number, len(points))

@@ -1,15 +1,11 @@
-"""Rates from files: points of a CSV, and settled means of a recording."""
+"""Points of rates from a CSV."""
 
 import numpy as np
 import pytest
-from imperfect_tables import AxisTrack
-from simulated_tables import DOWN, record, steps
 
 from session.base.errors import FormatError
-from session.base.units import DEG
 from tinygc.features.tables.feature import Columns
 from tinygc.features.tables.rates.points import points_of, read_points
-from tinygc.features.tables.rates.recording import read_recording
 
 STEPPED = (-120, -60, 0, 60, 120)
 
@@ -94,66 +90,3 @@ def test_a_sensor_with_too_few_rates_is_left_out_alone(tmp_path):
 @pytest.mark.parametrize(("outputs", "quantum"), [([1.5, 2.25, 3], 0.01), ([12, 15, 1e6], 1.0), ([0.1 + 0.2, 1 / 3, 1], 0.0)])
 def test_the_step_of_the_last_decimal(outputs, quantum):
     assert points_of("s", "V", [0, 1, 2, 3], [*outputs, 7], ["one"] * 4).quantum == pytest.approx(quantum)
-
-
-# Recordings.
-
-
-def read(folder):
-    return read_recording(folder, lambda *what: None)
-
-
-@pytest.fixture(scope="module")
-def stepped(tmp_path_factory):
-    track, ends_s = steps([*STEPPED, *STEPPED[-2::-1]], 4.0)
-    return record(tmp_path_factory.mktemp("stepped"), track, ends_s, scale=1.01)
-
-
-def test_rates_and_means_of_settled_dwells(stepped):
-    (points,), _ = read(stepped)
-    moved = np.abs(points.rate_dps) > 1
-    assert points.rate_dps[moved] == pytest.approx([r for r in (*STEPPED, *STEPPED[-2::-1]) if r], abs=2e-3)
-    errors = (points.output - points.output[~moved].mean() - 1.01 * points.rate_dps) / points.sigma
-    assert np.sqrt(np.mean(errors**2)) < 2
-    assert (points.sigma < 5e-3).all()
-    assert (points.rate_dps[~moved] == 0).all()  # within the table's declared sigma it is at rest
-    assert points.sensor == "gyroscope z"
-    assert set(points.direction) == {-1, 0, 1}
-
-
-def test_a_way_back_to_a_limit_is_no_dwell(tmp_path):
-    """The axis goes from -170 to 150 at its rate, rests, and comes back faster to where it began."""
-    track, t_s = AxisTrack(-170 * DEG), 1.0
-    for rate in (40.0, 20.0, 10.0):
-        track.turn_at(t_s, rate * DEG, DOWN.acceleration_rps2)
-        track.turn_at(t_s + 6.0, 0.0, DOWN.acceleration_rps2)
-        track.turn_to(t_s + 8.0, -170 * DEG, 80 * DEG, DOWN.acceleration_rps2)
-        t_s += 14.0
-    record(tmp_path, track, t_s, limits="least_deg = -170\nmost_deg = 170\n")
-    (points,), _ = read(tmp_path)
-    assert sorted(set(points.rate_dps.round())) == [0, 10, 20, 40]
-
-
-def test_means_are_over_whole_turns(tmp_path):
-    """A wave of once a turn, as gravity makes it about a tilted axis, does not enter; half a turn more would."""
-    track, ends_s = steps([60.0, 90.0, 120.0, 150.0], 9.5)
-
-    def distort(t_s, rate, force, temp_c):
-        return rate + np.deg2rad(2) * np.sin(track.reported(t_s))[:, None] * [0, 0, 1]
-
-    record(tmp_path, track, ends_s, distort=distort, noise=0.5)
-    (points,), _ = read(tmp_path)
-    moved = points.rate_dps > 1
-    assert points.output[moved] == pytest.approx(points.rate_dps[moved], abs=0.01)
-
-
-def test_what_a_recording_lacks(tmp_path, stepped):
-    with pytest.raises(FormatError, match=r"table.toml: not found; a recording of rates"):
-        read(tmp_path)
-    for name in ("table.toml", "table.csv", "session.toml"):
-        (tmp_path / name).write_bytes((stepped / name).read_bytes())
-    with pytest.raises(FormatError, match=r"no log; expected rates0001\.csv"):
-        read(tmp_path)
-    (tmp_path / "rates0002.csv").write_bytes((stepped / "rates0001.csv").read_bytes())
-    with pytest.raises(FormatError, match=r"no angle of rates0002.csv"):
-        read(tmp_path)

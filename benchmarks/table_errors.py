@@ -26,7 +26,7 @@ from simulated_tables import LostSteps, Summary, draw, fixed_moves
 from session.base.units import DEG
 from tinygc.effects.catalogue import catalogue
 from tinygc.features.tables.machines.description import Axis, Description
-from tinygc.features.tables.observed import held_up_from, said_at, stamps_beside
+from tinygc.features.tables.observed import held_up_from, reported_at, stamp_offsets
 from tinygc.features.tables.selection import Selected, select
 
 #: s between the samples that show which answers were held up
@@ -85,14 +85,14 @@ def stamped(
         axis = int(np.argmax(np.abs(said[number + 1] - said[number])))
         t_s = np.arange(start, stop, TRUTH_S)
         way, sense = word(t_s)[:, axis] - said[number, axis], np.sign(said[number + 1, axis] - said[number, axis])
-        beside_s = stamps_beside(stamp_s[within], sense * (answers[within, axis] - said[number, axis]), t_s, sense * way)
-        cut.append((within, beside_s))
-    limit_s = held_up_from([beside_s for _, beside_s in cut])
+        offset_s = stamp_offsets(stamp_s[within], sense * (answers[within, axis] - said[number, axis]), t_s, sense * way)
+        cut.append((within, offset_s))
+    limit_s = held_up_from([offset_s for _, offset_s in cut])
     found, places = [], []
-    for number, (within, beside_s) in enumerate(cut):
-        kept = within[~(np.abs(beside_s) > limit_s)]
+    for number, (within, offset_s) in enumerate(cut):
+        kept = within[~(np.abs(offset_s) > limit_s)]
         own = np.unique(edges[number])  # the last one is repeated
-        at, place = said_at(own, stamp_s[kept], answers[kept], (said[number], said[number + 1]))
+        at, place = reported_at(own, stamp_s[kept], answers[kept], (said[number], said[number + 1]))
         more = edges.shape[1] - len(own)
         found.append(np.pad(at, ((0, more), (0, 0)), mode="edge"))
         places.append(np.pad(place, (0, more), mode="edge"))

@@ -59,6 +59,30 @@ def constants(path):
     return texts, lists
 
 
+def names_of(path):
+    """What a module defines or imports at its top, also under a condition."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            yield node.name
+        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            yield node.id
+        elif isinstance(node, ast.ImportFrom | ast.Import):
+            yield from (each.asname or each.name for each in node.names)
+
+
+def test_what_benchmarks_import_of_the_product_is_there():
+    """They are run too seldom for a name that moved to show."""
+    gone = []
+    for path in (ROOT / "benchmarks").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and node.module.split(".")[0] in ("session", "tinygc"):
+                folder = ROOT / node.module.replace(".", "/")
+                module = folder.with_suffix(".py") if folder.with_suffix(".py").exists() else folder / "__init__.py"
+                known = set(names_of(module)) | {each.stem for each in folder.glob("*")}
+                gone += [f"{path.name}: {node.module}.{each.name}" for each in node.names if each.name not in known]
+    assert gone == []
+
+
 def test_the_tables_of_the_measured_page_all_stand_below_their_command():
     text = make_outputs.MEASURED.sub("", (ROOT / "docs" / "measured.md").read_text(encoding="utf-8"))
     assert re.findall(r"^\|.*", text, re.M) == []

@@ -213,8 +213,7 @@ def test_records_become_tables_of_pandas_and_a_fit_is_drawn(fits, tmp_path, monk
     table, findings, samples = fits[0].to_frame(), tinygc.check(fits[0].source), fits[0].session.logs[0].samples
     assert list(table.columns) == ["name", "value", "sigma", "unit"]
     assert table.loc["E_xy", "value"] == fits[0].parameters["E_xy"].value
-    assert list(tinygc.to_frame(findings)["what"]) == [finding.what for finding in findings]
-    assert isinstance(tinygc.to_frame(fits[0]), pandas.DataFrame)
+    assert list(pandas.DataFrame(findings)["what"]) == [finding.what for finding in findings]
     np.testing.assert_array_equal(samples.to_frame()["ay_mps2"], samples.accel[:, 1])
     closure, *panels = fits[0].plot(tmp_path / "new" / "fit.svg").panels
     assert (tmp_path / "new" / "fit.svg").read_text(encoding="utf-8").startswith("<svg xmlns=")

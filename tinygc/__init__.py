@@ -21,7 +21,6 @@ Functions (``help(tinygc.fit)`` has parameters, units and examples):
     list_sessions, sensors   what a folder holds; the sensors that are known
     simulate          SimulationOptions -> Simulated
     load              a model's file -> Calibration
-    to_frame          findings, effects, a fit, samples -> pandas.DataFrame
 
 Records:
 
@@ -92,7 +91,6 @@ if TYPE_CHECKING:
     from tinygc.library.logs import import_log as import_log
     from tinygc.library.logs import read_log as read_log
     from tinygc.library.records import Estimate as Estimate
-    from tinygc.library.records import to_frame as to_frame
     from tinygc.library.reports import Exported as Exported
     from tinygc.library.reports import Report as Report
     from tinygc.library.reports import export as export
@@ -124,7 +122,7 @@ _HOMES = {
     "tinygc.library.fits": ("Fit", "fit"),
     "tinygc.library.known": ("list_sessions", "sensors"),
     "tinygc.library.logs": ("Imported", "LogArrays", "import_log", "read_log"),
-    "tinygc.library.records": ("Estimate", "to_frame"),
+    "tinygc.library.records": ("Estimate",),
     "tinygc.library.reports": ("Exported", "Report", "export", "report"),
     "tinygc.library.sessions": ("OwnAccelerometer", "Plan", "accelerometer", "plan"),
     "tinygc.library.simulations": ("Simulated", "simulate"),

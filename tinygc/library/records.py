@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
-from session.base.errors import CalibrationError
 from session.base.files import result_folder
 from session.base.numeric import data_frame
 from session.base.records import write_whole
@@ -17,7 +16,6 @@ from session.base.results import write_text_whole
 from session.detect.accelerometer import NAMES as ACCELEROMETER_NAMES
 from session.detect.accelerometer import PARAMETERS
 from tinygc.estimation.accelerometer import AccelerometerFit
-from tinygc.library.arguments import public
 from tinygc.reporting.terminal import Group, as_html, as_text
 
 R = TypeVar("R")
@@ -74,46 +72,6 @@ class Listed(tuple[R, ...]):
     def to_frame(self) -> Any:
         """Return a pandas DataFrame.  Raises CalibrationError where pandas is not installed."""
         return data_frame(_rows(self))
-
-
-@public()
-def to_frame(records: Any) -> Any:
-    """Make a pandas DataFrame of records, such as the findings of ``check``.
-
-    Parameters
-    ----------
-    records : sequence or mapping of records, Fit, Log, Samples, …
-        Findings, effects, estimates by name, or anything with ``to_frame`` of its own.
-
-    Returns
-    -------
-    pandas.DataFrame
-        A row for each record, a column for each of its fields.
-
-    Raises
-    ------
-    CalibrationError
-        For what is no record, and where pandas is not installed.
-
-    Examples
-    --------
-    >>> import tinygc
-    >>> findings = tinygc.check(tinygc.simulate(segments=12, closure_s=0.0, odr_hz=104.0, seed=1).session)
-    >>> list(tinygc.to_frame(findings))
-    ['level', 'where', 'what', 'description', 'do']
-
-    """
-    if callable(own := getattr(records, "to_frame", None)):
-        return own()
-
-    def is_record(each: Any) -> bool:
-        return isinstance(each, Mapping) or (is_dataclass(each) and not isinstance(each, type))
-
-    if isinstance(records, Mapping) and all(map(is_record, records.values())):
-        return Named(records).to_frame()
-    if isinstance(records, Sequence) and not isinstance(records, str | bytes) and all(map(is_record, records)):
-        return Listed(records).to_frame()
-    raise CalibrationError(f"records is of type {type(records).__name__}, expected findings, effects, a fit, samples or the like")
 
 
 class Shown:

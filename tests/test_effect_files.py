@@ -1,4 +1,4 @@
-"""Where effects come from: this package, installed packages, folders that the user names; and from nowhere else."""
+"""Where effects come from: this package, folders that the user names; and from nowhere else."""
 
 import json
 import re
@@ -109,47 +109,6 @@ def test_no_python_in_a_session_folder_is_run(folder, tmp_path, run):
         (place / "made_up.py").write_text(f"open({str(ran)!r}, 'w').close()\n" + HEAD + MADE_UP)
     assert run("fit", folder, "--methods", "raw")[0] == 0
     assert not ran.exists()
-
-
-@pytest.fixture
-def installed(monkeypatch):
-    """``installed(name=what, …)``: the entry points of other packages, of what they load."""
-
-    class Point:
-        def __init__(self, name, given):
-            self.given, self.name, self.value = given, name, f"package.{name}:EFFECT"
-
-        def load(self):
-            if isinstance(self.given, Exception):
-                raise self.given
-            return self.given
-
-    def install(**given):
-        forget()
-        points = [Point(*each) for each in given.items()]
-        monkeypatch.setattr("importlib.metadata.entry_points", lambda group: points if group == "tinygc.effects" else ())
-
-    from tinygc.effects import catalogue as module
-
-    forget = module.__globals__["_installed"].cache_clear
-    yield install
-    forget()
-
-
-def test_effects_of_installed_packages_are_found_and_a_broken_one_is_named(installed):
-    effect = replace(catalogue()["gyro.bias_drift"], id="gyro.far")
-    taken = catalogue()["gyro.bias_drift"]
-    installed(far=effect)
-    assert catalogue()["gyro.far"] is effect
-    for given, says in (
-        ({"far": ImportError("no moon")}, "installed effect 'far' .*cannot be loaded: ImportError: no moon"),
-        ({"far": 3}, "installed effect 'far' .*EFFECT is of type int"),
-        ({"far": taken}, "its id 'gyro.bias_drift' is already"),
-        ({"far": effect, "again": effect}, r"'again'.*is already"),
-    ):
-        installed(**given)
-        with pytest.raises(EffectError, match=says):
-            catalogue()
 
 
 def test_a_model_whose_effect_is_missing_says_so(tmp_path, run, simulated):

@@ -1,8 +1,8 @@
 """Effects: everything that can make a recording differ from its simulation, one record each, and their catalogue.
 
-A file that defines ``EFFECT``, an ``Effect``, is an effect.  It may lie in ``entries`` here, in an installed package (an entry
-point of the group ``tinygc.effects``), or in a folder that the user names (``load_folder``, ``--effects DIR``).  Nothing else has to be
-changed: model selection, refitting, simulation, plots, live use, exports and C follow from the record.
+A file that defines ``EFFECT``, an ``Effect``, is an effect.  It may lie in ``entries`` here, or in a folder that the user names
+(``load_folder``, ``--effects DIR``).  Nothing else has to be changed: model selection, refitting, simulation, plots, live use, exports
+and C follow from the record.
 ``docs/writing-an-effect.md`` is the guide; ``tinygc.effects.testing.check`` tests an effect.
 """
 

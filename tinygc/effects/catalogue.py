@@ -1,4 +1,4 @@
-"""The catalogue of effects: those of this package, of installed packages, and of folders that the user named."""
+"""The catalogue of effects: those of this package, and of folders that the user named."""
 
 from __future__ import annotations
 
@@ -138,11 +138,11 @@ def _words(error: BaseException, path: Path) -> str:
     return f"{type(error).__name__}: {what}" + ("" if line is None else f" (line {line})")
 
 
-# The catalogue holds the effects of this package, of installed packages, and of the folders that the user named, and no others.
+# The catalogue holds the effects of this package and of the folders that the user named, and no others.
 #
 # A session folder and a model file contain only ids: reading them executes nothing.
 
-ENTRIES, GROUP = "tinygc.effects.entries", "tinygc.effects"
+ENTRIES = "tinygc.effects.entries"
 #: prefix of the ids of effects that ``explain --discover`` writes
 FOUND = "discovered."
 #: folder -> its effects by id, each with the file that defines it
@@ -150,8 +150,8 @@ _folders: dict[Path, dict[str, tuple[Effect, Path]]] = {}
 
 
 def catalogue() -> dict[str, Effect]:
-    """Return all effects by id, sorted by id.  Raises EffectError for an installed effect that is broken."""
-    whole = dict(_installed())
+    """Return all effects by id, sorted by id."""
+    whole = dict(_own())
     for effects in _folders.values():
         whole |= {name: effect for name, (effect, _) in effects.items()}
     return dict(sorted(whole.items()))
@@ -168,7 +168,7 @@ def effect_of(name: str) -> Effect:
     if name not in known:
         raise EffectError(
             f"effect {name[:60]!r} is not on this machine; name the folder that holds its file with --effects DIR "
-            "(tinygc.effects.load_folder in Python), or install the package that has it"
+            "(tinygc.effects.load_folder in Python)"
         )
     return known[name]
 
@@ -186,7 +186,7 @@ def load_folder(path: Path | str) -> list[Effect]:
         found = effects_in(Path(path), folder)
         others = {name: str(file) for effects in _folders.values() for name, (_, file) in effects.items()}
         for effect, file in found:
-            taken = others.get(effect.id) or ("an effect of TinyGC or of an installed package" if effect.id in _installed() else None)
+            taken = others.get(effect.id) or ("an effect of TinyGC" if effect.id in _own() else None)
             if taken is not None:
                 raise EffectError(f"{file}: its id {effect.id!r} is already that of {taken}; give it an id of its own")
             others[effect.id] = str(file)
@@ -214,13 +214,9 @@ def using(folders: Iterable[Path | str]) -> Iterator[None]:
 @contextmanager
 def having(effect: Effect) -> Iterator[None]:
     """Add one effect to the catalogue within a ``with`` block; it replaces any effect with its id."""
-    before = dict(_folders)
-    try:
+    with using(()):
         _folders[Path(f"<{effect.id}>")] = {effect.id: (effect, Path("<given>"))}
         yield
-    finally:
-        _folders.clear()
-        _folders.update(before)
 
 
 def loaded_folders() -> list[Path]:
@@ -229,23 +225,11 @@ def loaded_folders() -> list[Path]:
 
 
 @cache
-def _installed() -> dict[str, Effect]:
-    """Return the effects of this package and of installed packages."""
+def _own() -> dict[str, Effect]:
+    """Return the effects of this package."""
     files = _files(Path(importlib.import_module(ENTRIES).__path__[0]))
     own = [importlib.import_module(f"{ENTRIES}.{path.stem}").EFFECT for path in files]  # which the tests have tried
     effects = {effect.id: effect for effect in own}
     if len(effects) != len(own):
         raise EffectError(f"{ENTRIES}: two files give one id")
-    from importlib.metadata import entry_points
-
-    for point in entry_points(group=GROUP):
-        where = f"installed effect {point.name!r} ({point.value})"
-        try:
-            given = point.load()
-        except Exception as error:
-            raise EffectError(f"{where}: cannot be loaded: {type(error).__name__}: {error}; correct or uninstall its package") from None
-        effect = tried(given.EFFECT if isinstance(given, ModuleType) and hasattr(given, "EFFECT") else given, where)
-        if effect.id in effects:
-            raise EffectError(f"{where}: its id {effect.id!r} is already that of another effect")
-        effects[effect.id] = effect
     return effects

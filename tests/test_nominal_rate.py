@@ -108,7 +108,7 @@ def test_the_rate_is_as_uncertain_as_the_sensors_profile_or_session_toml_says(no
         rate = replace(nominal.config.sensor, odr_sigma=given).nominal_rate
         assert (rate and rate.sigma) == found
     finding = of(look(nominal), "sample rate")
-    assert (finding.level, "50 Hz, nominal, not measured: ± 2.9 %" in finding.description) == ("warning", True)
+    assert (finding.level, "50 Hz is not measured, so all scales are known to ± 2.9 %" in finding.description) == ("warning", True)
 
 
 def test_the_common_scale_carries_the_rates_uncertainty(nominal):

@@ -84,8 +84,7 @@ def _counted(log: Log, sensor: Sensor) -> Finding | None:
         if (nominal := sensor.nominal_rate) is None:
             text = f"{sensor.odr_hz:g} Hz, measured (sensor.odr_sigma = 0)"
             return Finding("ok", log.path.name, "sample rate", text)
-        why = "the log had no stamps, its samples were counted; " if log.counted else ""
-        text = f"{nominal.words}; {why}the scale of all axes is no better known"
+        text = nominal.doubt + "; its samples were counted" * log.counted
         do = "log the device's own time, or measure the data rate and give odr_hz with sensor.odr_sigma"
         return Finding("warning", log.path.name, "sample rate", text, do)
     if not looks_counted(log, sensor):

@@ -170,7 +170,7 @@ class NominalRate:
     @property
     def doubt(self) -> str:
         """Why a calibration is not decided where its clock is this rate."""
-        return f"data rate {self.words}: the scale of all axes is no better known"
+        return f"{self.hz:g} Hz is not measured, so all scales are known to ± {100 * self.sigma:.2g} %"
 
     def covariance(self, rates: np.ndarray) -> np.ndarray:
         """(P, P) of parameters (P,) that are rates per unit or rates, and so scale with the clock: d rates / d e = -rates."""

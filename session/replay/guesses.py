@@ -31,6 +31,8 @@ from session.replay.sources import sources_of
 
 #: rows that are looked at: forty minutes at 104 Hz
 MOST_ROWS = 250_000
+#: stills, between whose first turns gravity is looked at
+MOST_STILLS = 31
 #: units in which any numbers can be read before their unit is known
 ANY = {"gyro": "0.01dps", "accel": "g/10000"}
 #: units, and what a register counts with its full scale: of MPU, ICM and BMI sensors in dps, of ST's in mdps, of all in g
@@ -237,5 +239,5 @@ def _scale(joined: Joined, gyro_si: float, accel_si: float, time: float = 1.0, m
     samples = Samples(t_ns[later], joined.gyro[:MOST_ROWS][later] * gyro_si, joined.accel[:MOST_ROWS][later] * accel_si)
     if not SLOWEST_HZ <= 1 / samples.period_s <= FASTEST_HZ:
         return None
-    found = agreement(samples, find_stills(samples)[0])
+    found = agreement(samples, find_stills(samples)[0][:MOST_STILLS])
     return None if found is None or found.misfit > most or found.scale <= 0 else found.scale

@@ -185,7 +185,7 @@ def remarks(result: FitResult) -> list[Text]:
     """Remarks, one per line, as far as they apply."""
     lines = [Text(f"First look: {w.where}: {w.what}: {w.description}; {w.do}", "yellow") for w in result.warnings]
     if result.nominal_rate is not None:
-        lines.append(one_line(f"D{result.nominal_rate.doubt[1:]}.", "yellow"))
+        lines.append(one_line(f"{result.nominal_rate.doubt}.", "yellow"))
     lines += _noise_words(result)
     if result.session.reference is not None and result.session.reference.words:
         lines.append(one_line(result.session.reference.words))

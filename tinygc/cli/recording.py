@@ -293,6 +293,16 @@ CALIBRATE = Path(__file__).resolve().parents[2] / "calibrate.py"
 MADE = (0, 1)  #: exit codes of ``report`` with a report: 1 is a calibration that fails
 
 
+def while_seen(server: PageServer, wanted: Callable[[], bool]) -> Iterator[None]:
+    """Yield time after time until an interruption, or until no browser has shown the page for a while: a reload, or a sleeping phone."""
+    seen_s = time.monotonic()
+    while not wanted() and (not server.visited or time.monotonic() - seen_s < GONE_S):
+        yield
+        if server.clients:
+            seen_s = time.monotonic()
+        time.sleep(LOOK_EVERY_S)
+
+
 def stay(server: PageServer, folder: Path, wanted: Callable[[], bool]) -> None:
     """Keep the page while a browser shows it, until an interruption; at once where no browser has opened it."""
     path, ready = folder / "report.html", False
@@ -305,16 +315,12 @@ def stay(server: PageServer, folder: Path, wanted: Callable[[], bool]) -> None:
     if not server.visited:
         return
     print("the page stays while it is looked at, and can make the report; Ctrl-C ends it", file=sys.stderr, flush=True)
-    seen_s = time.monotonic()
-    while not wanted() and time.monotonic() - seen_s < GONE_S:  # a reload, or a sleeping phone
+    for _ in while_seen(server, wanted):
         if server.wishes.report.is_set():
             problem = _made(folder, wanted, lambda words: publish("making", words))
             ready = not problem and path.is_file()
             publish(*(("ready", f"The report is {path}.") if ready else ("failed", f"No report: {problem}.")))
             server.wishes.report.clear()
-        if server.clients:
-            seen_s = time.monotonic()
-        time.sleep(LOOK_EVERY_S)
 
 
 def _made(folder: Path, wanted: Callable[[], bool], show: Reporter) -> str:

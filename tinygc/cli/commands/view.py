@@ -6,7 +6,6 @@ import os
 import queue
 import sys
 import threading
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from http import HTTPStatus
@@ -20,7 +19,7 @@ from session.base.options import argument, file_written, option
 from session.base.texts import printable
 from tinygc.cli.logs import of_session
 from tinygc.cli.options import Command
-from tinygc.cli.recording import GONE_S, LOOK_EVERY_S
+from tinygc.cli.recording import while_seen
 from tinygc.cli.results import Interruption, output, try_file
 
 if TYPE_CHECKING:
@@ -59,11 +58,8 @@ def run(args: Options) -> int:
         output(args).print(f"look at the recording: {server.address}", soft_wrap=True)
         _open(server.address)
         viewer.start()
-        seen_s = time.monotonic()
-        while not wanted() and (not server.visited or time.monotonic() - seen_s < GONE_S):
-            if server.clients:
-                seen_s = time.monotonic()
-            time.sleep(LOOK_EVERY_S)
+        for _ in while_seen(server, wanted):
+            pass
     server.close()
     return 0
 

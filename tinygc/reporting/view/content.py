@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -21,7 +21,7 @@ from session.detect.stills import SessionStills, still_at
 from session.log.config import LeftOut, StillByHand, read_config
 from session.log.folder import Session
 from session.log.logfile import Log
-from session.log.samples import start_times
+from session.log.samples import Samples, start_times
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import closure_angles
 from tinygc.estimation.bias import tilt_rms
@@ -34,19 +34,15 @@ METHOD = "least_squares"
 MARKS = {"gap": "missing, put in from their neighbours", "clipped": "at the register's end, estimated from their neighbours"}
 
 
-@dataclass(frozen=True)
-class Turn:
-    """Errors of tilt at the end of a segment, degrees: raw, and calibrated (held out of the fit); None where it is in no fit."""
-
-    raw_deg: float | None
-    after_deg: float | None
+#: errors of tilt at the end of a segment that is in no fit, degrees: raw, and calibrated (held out of the fit)
+NOT_FITTED: dict[str, float | None] = {"raw_deg": None, "after_deg": None}
 
 
 @dataclass(frozen=True, eq=False)
 class Closure:
     """What a fit leaves: turns by the samples between which they move; rms of all, and of the floor, degrees; the problem; warnings."""
 
-    turns: dict[tuple[int, int, int], Turn]
+    turns: Mapping[tuple[int, int, int], Mapping[str, float | None]]
     raw_deg: float
     after_deg: float
     floor_deg: float
@@ -62,7 +58,10 @@ class Closure:
         problem, held_out = result.problem, result.methods[METHOD].held_out
         raw = closure_angles(problem.batch, bias_only())
         tilts = (np.linalg.norm(angles[:, :2], axis=1) / DEG for angles in (raw, held_out))
-        turns = {_ends(segment): Turn(*map(float, each)) for segment, *each in zip(problem.used, *tilts, strict=True)}
+        turns = {
+            _ends(segment): dict(zip(NOT_FITTED, map(float, each), strict=True))
+            for segment, *each in zip(problem.used, *tilts, strict=True)
+        }
         raw_deg, after_deg, floor_deg = (float(each / DEG) for each in (tilt_rms(raw), tilt_rms(held_out), problem.floor.tilt_rms))
         return cls(turns, raw_deg, after_deg, floor_deg, problem, tuple(each.line for each in result.warnings if each.what != CHANGED))
 
@@ -108,11 +107,11 @@ class Recording:
         none."""
         session, parts = self.session, self.parts
         began_s = dict(zip((log.path.name for log in logs_of(session)), _began(session), strict=False))
-        at = [_Clock(part.log.samples.t_ns, began_s[part.log.path.name]) for part in parts]
+        at = [_clock(part.log.samples, began_s[part.log.path.name]) for part in parts]
         segments, of_segments = [segment for part in parts for segment in part.segments], at
         if session.reference is not None:  # which cuts its own
             segments = [] if closure is None else closure.problem.segments
-            of_segments = [_Clock(log.samples.t_ns, began_s[log.path.name]) for log in session.logs]
+            of_segments = [_clock(log.samples, began_s[log.path.name]) for log in session.logs]
         elif closure is not None and not stale:  # with the reasons that only a fit knows
             segments = closure.problem.segments
         stills, number = [], 0
@@ -142,7 +141,7 @@ class Recording:
                     "note": "; ".join(filter(None, (segment.note, *widened.get(segment.number, ())))) or None,
                     "problem": segment.problem,
                     "by_hand": bool(self.rows_of_segment(segment)),
-                    **vars((closure and closure.turns.get(_ends(segment))) or Turn(None, None)),
+                    **((closure and closure.turns.get(_ends(segment))) or NOT_FITTED),
                 }
                 for segment in segments
             ],
@@ -154,7 +153,7 @@ class Recording:
             "warnings": [] if closure is None else list(closure.warnings),
         }
 
-    def _bridges(self, at: Sequence[_Clock]) -> list[dict[str, Any]]:
+    def _bridges(self, at: Sequence[Callable[[int], float]]) -> list[dict[str, Any]]:
         return [
             {
                 "from_s": at[place](bridge.row),
@@ -166,7 +165,7 @@ class Recording:
             for bridge in part.log.bridges
         ]
 
-    def _rests(self, at: Sequence[_Clock]) -> list[dict[str, Any]]:
+    def _rests(self, at: Sequence[Callable[[int], float]]) -> list[dict[str, Any]]:
         if self.session.reference is not None:
             return []
         rests = [(at[place](0) + rest.start_s, rest) for place, part in enumerate(self.parts) for rest in part.found.unused]
@@ -233,15 +232,9 @@ def _known(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-@dataclass(frozen=True, eq=False)
-class _Clock:
+def _clock(samples: Samples, began_s: float) -> Callable[[int], float]:
     """Session time, s, of the samples of a log."""
-
-    t_ns: np.ndarray
-    began_s: float
-
-    def __call__(self, row: int) -> float:
-        return round(float((self.t_ns[row] - self.t_ns[0]) * NS + self.began_s), 6)
+    return lambda row: round(samples.at_s(row) + began_s, 6)
 
 
 def fitted(recording: Recording, progress: Progress = no_report) -> tuple[Closure | None, str]:

@@ -173,6 +173,10 @@ def test_a_still_is_moved_by_its_edge_by_numbers_and_by_keys(browser, viewer):
     fields = "[...document.querySelectorAll('#chosen input')]"
     browser.evaluate(f"{fields}[0].value = {still['from_s'] + 0.25}; document.querySelector('#chosen form button').click()")
     shown(browser, f"Math.abs(content.stills[9].from_s - {still['from_s'] + 0.25}) < 0.006")
+    browser.evaluate(f"{fields}[1].value = {still['to_s'] + 0.5}; document.querySelector('#chosen form button').click()")
+    shown(browser, "document.getElementById('unused').textContent.includes('still 9: moves: its readings scatter ')")
+    browser.evaluate(f"{fields}[1].value = {still['to_s']}; document.querySelector('#chosen form button').click()")
+    shown(browser, "!content.stills[9].problem")
     browser.evaluate(f"{fields}[1].value = {still['to_s'] + 20}; document.querySelector('#chosen form button').click()")
     shown(browser, "document.getElementById('refused').textContent.includes('overlap')")
     browser.evaluate("plot.focus()")

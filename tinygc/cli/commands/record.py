@@ -69,13 +69,14 @@ def _ports(args: Recording) -> int:
     from session.bench.port import known_ports
 
     ports = known_ports()
-    if not any(port.is_candidate for port in ports):
+    none = not any(port.is_candidate for port in ports)
+    if none:
         output(args).print("No board found." + (" Other ports:" if ports else ""))
     for port in ports:
         usb = "" if port.usb is None else f"  USB {port.usb[0]:04x}:{port.usb[1]:04x}"
         serial = "" if port.serial_number is None else f"  S/N {port.serial_number}"
         output(args).print(f"{port.name}  {port.what}{usb}{serial}")
-    if not any(port.is_candidate for port in ports):
+    if none:
         print_commands(args, "next: plug one in, or start a virtual one", command_line("board"))
     write_json(args.json, {"schema": "tinygc-ports/1", "ports": [asdict(port) for port in ports]})
     return 0

@@ -58,7 +58,7 @@ function listChanges() {
 }
 
 function listUnused() {
-  const rows = ["segment", "still"].flatMap(kind => content[`${kind}s`].filter(each => each.problem && !each.by_hand).map(each =>
+  const rows = ["segment", "still"].flatMap(kind => content[`${kind}s`].filter(each => each.problem && (!each.by_hand || each.by_hand === "moved")).map(each =>
     line(`× ${kind} ${each.number}: ${each.problem}`, each, kind)));
   for (const mark of content.marks) {
     const what = { rest: "○ rest not used", gap: "◆ gap", clipped: "▲ clipped" }[mark.what];

@@ -1,8 +1,9 @@
 """What a session that begins cold costs: coached sessions of a board that warms up, begun at once and after ten minutes.
 
-A hand at a simulated table follows the coach until every number is good enough.  The board warms up exponentially by ``--warm`` degrees,
-and each axis' bias follows by so many mdps per degree, drawn with a data sheet's typical value as sigma.  Errors are those of least squares
-against the truth, of B against its mean over the turns, in units of the coach's targets and of the sigmas that `fit` states.
+A hand at a simulated table follows the coach, its seconds too, until every number is good enough.  The board warms up exponentially by
+``--warm`` degrees, and each axis' bias follows by so many mdps per degree, drawn with a data sheet's typical value as sigma.  Errors are
+those of least squares against the truth, of B against its mean over the turns, in units of the coach's targets and of the sigmas that
+`fit` states.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from tinygc.estimation.options import FitOptions
 from tinygc.fitting.fit import fit_session
 from tinygc.models.linear import BIAS, PARAMETERS, LinearModel
 from tinygc.planning.proposals import TARGETS
+from tinygc.planning.turns import PAIR_S, SINGLE_S
 from tinygc.simulation.sensor import TEMPERATURE_SETTLES_S, Flicker
 
 PER_C_RPS, LATITUDE, ODR_HZ = 5 * MDPS, 31.03 * DEG, 211.3
@@ -54,6 +56,11 @@ class WarmingHand(CoachedHand):
             self._truth.append(bias)
         felt = rate + attitudes.inv().apply(EARTH) + bias
         return felt @ np.linalg.inv(self.E).T, 25 + above_c + 0.01 * self._rng.normal(size=len(t_s))
+
+    def rate_rps(self, vectors: list[np.ndarray]) -> float:
+        """In the seconds that the coach's words ask for: at one speed for all turns a drift of the bias would look like a scale factor."""
+        pair = self.guide.advice is not None and len(self.guide.advice.movements) > 1
+        return float(np.linalg.norm(vectors, axis=1).sum()) / (PAIR_S if pair else SINGLE_S)
 
     @property
     def truth(self) -> np.ndarray:

@@ -94,8 +94,9 @@ class CoachedHand:
     def _session(self):
         yield from self._move(np.zeros(3), 3.2)
         while self.guide.stage is not Stage.DONE:
-            for vector in self._asked():
-                yield from self._move(vector, max(0.1, float(np.linalg.norm(vector)) / (60 * DEG)))
+            vectors = self._asked()
+            for vector in vectors:
+                yield from self._move(vector, max(0.1, float(np.linalg.norm(vector)) / self.rate_rps(vectors)))
             yield from self._move(np.zeros(3), 2.5)
 
     def _asked(self):
@@ -135,6 +136,10 @@ class CoachedHand:
             self._take(samples.between(first, first + step))
             yield
         self.attitude = began * Rotation.from_rotvec(vector)
+
+    def rate_rps(self, vectors):
+        """The mean rate of a turn of these movements."""
+        return 60 * DEG
 
     def measured(self, rate, attitudes, t_s):
         """What a gyroscope without noise reads (N, 3), and its temperature (N,), of rates (N, 3) rad/s against the table."""

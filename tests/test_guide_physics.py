@@ -216,7 +216,7 @@ def test_turns_without_their_targets_are_not_done():
 @pytest.mark.parametrize("stops", [False, True])
 def test_when_all_numbers_are_good_enough_it_stops_or_the_operator_finishes(monkeypatch, stops):
     """Not before a verdict has turns enough, here two."""
-    monkeypatch.setattr(guide_module, "ENOUGH_SEGMENTS", 2)
+    monkeypatch.setattr(guide_module, "USUAL_TURNS", 2)
     guide, reached = guide_of(9, stop_at_target=stops), Advice("", "there", reached=True, sigmas=SIGMAS[1:])
     samples, once = TWICE.samples(), round(9.0 * 208)
     changes = play(guide, samples.between(0, once)) + guide.advise(reached)

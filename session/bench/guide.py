@@ -12,7 +12,6 @@ from session.bench.events import AnyEvent, Event, SampleChunk, joined_chunk
 from session.bench.live import CHECK_S, MotionBlock, StreamHealth, TurnInProgress, Wait
 from session.bench.messages import AcceptedTurn, Advice, GuideMessage, Instruction, Kind, Stage
 from session.bench.progress import AcceptedData, LiveAccelerometerFit, PresentLog, StillExamination, accepted_turn, fastest_ns, why_not
-from session.detect.check_stills import ENOUGH_SEGMENTS
 from session.detect.segments import RETURN_RAD, moved_at, run_ends
 from session.detect.stills import MIN_STILL_FRACTION, Still, find_stills
 from session.log.config import Config, Protocol, Sensor
@@ -184,8 +183,8 @@ HOLD_STILLS = 1.5  #: times the protocol's still_s: a still serves two turns
 EXAMINE_EVERY_S = 0.2
 NEARLY = 0.85  #: of a rotation: behind it the next one counts, on the page as well (path.js)
 FINISH_WORDS = "f finishes"
-#: turns that the coach needs for all targets of a sensor whose accelerometer is calibrated (``benchmarks/cold_start.py``)
-USUAL_TURNS = 17
+#: turns that all targets usually need, and a verdict on a sensor that warms up: fewer leave its drift in E (``benchmarks/cold_start.py``)
+USUAL_TURNS = 24
 REST = "rest"  #: stem of the logs of a rest, in which no turn is looked for
 COACH_S = 2.0  #: how long to wait for the coach before any turn is accepted
 SETTLING_S = 0.3  #: rest after which a turn has ended
@@ -327,7 +326,7 @@ class Guide:
     @property
     def enough(self) -> bool:
         """Whether every target is met, with as many turns as a verdict needs, while turns are still requested: the operator may finish."""
-        reached = self.advice is not None and self.advice.reached and self.accepted >= min(ENOUGH_SEGMENTS, self.segments)
+        reached = self.advice is not None and self.advice.reached and self.accepted >= min(USUAL_TURNS, self.segments)
         return reached and self.closure is None and self.stage is not Stage.DONE
 
     @property

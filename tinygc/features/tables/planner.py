@@ -12,6 +12,7 @@ import numpy as np
 
 from session.base.errors import CalibrationError
 from session.base.units import DEG
+from session.bench.guide import USUAL_TURNS
 from session.bench.messages import AxisMove
 from session.detect.segments import LONGEST_TURN_SEGMENTS
 from session.log.config import Protocol
@@ -135,7 +136,7 @@ def plan_of(moves: TableMoves, own: bool, segments: int, stop_at_target: bool) -
     """
     rehearsal = Coach(machine=moves).rehearse(own, max(segments, MOST_TO_GO))
     turns = rehearsal.turns[:segments]
-    if not stop_at_target and len(turns) < segments:  # every target is met: further turns are like those before
-        turns = tuple(turns[number % len(turns)] for number in range(segments))
+    least = min(USUAL_TURNS, segments) if stop_at_target else segments
+    turns += tuple(turns[number % len(turns)] for number in range(len(turns), least))  # every target is met: they are like those before
     unseen = [] if len(rehearsal.turns) < MOST_TO_GO else np.flatnonzero(rehearsal.unseen).tolist()
     return turns, tuple(map(parameter_name, unseen))

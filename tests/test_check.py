@@ -146,6 +146,11 @@ def test_a_rate_that_the_board_states_is_held_against_the_stamps(short):
         assert (of(findings, "reading").level, "cut off" in of(findings, "reading").description) == ("note", True)
 
 
+@pytest.mark.parametrize(("odr_hz", "level"), [(190.5, "note"), (188.0, "error")])
+def test_a_declared_rate_may_be_off_by_a_tenth(short, odr_hz, level):
+    assert of(look(with_sensor(short, odr_hz=odr_hz)), "sample rate").level == level
+
+
 def test_noise_and_zero_that_are_not_the_sensors_are_warnings_for_the_sensor_they_are_known_of():
     samples = Table().tumble(14, seed=5, rest_s=6.0).samples(odr_hz=104, gyro_mdps=25.0, accel_ug=600.0, bias_dps=(0.2, -4.5, 0.1))
     session = session_of(samples, odr_hz=104.0)

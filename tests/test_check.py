@@ -181,6 +181,9 @@ def test_gaps_are_counted_with_what_they_lost_and_single_losses_are_neither_rate
         assert says in of(findings, "gaps").description
         assert f"{np.count_nonzero(~kept)} samples lost" in of(findings, "gaps").description
         assert of(findings, "jitter").level == "ok"
+    for each, level in ((500, "warning"), (2000, "note")):  # one in a thousand
+        kept = samples.pick(np.arange(len(samples)) % each != 300)
+        assert of(look(good, log=replace(good.logs[0], samples=kept)), "gaps").level == level
 
 
 def test_logs_without_a_still_that_creep_or_lie_in_one_attitude():

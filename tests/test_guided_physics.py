@@ -307,6 +307,13 @@ def test_a_rest_of_some_seconds_takes_every_sample_into_its_log():
     assert {now.do for now in said.instructions if now.stage is Stage.HOLD_STILL} == {"a rest: leave the board alone, and the table too"}
 
 
+def test_a_rest_that_moves_is_warned_of_once_in_ten_minutes():
+    moved = Table().rest(62).turn(60, (1, 0, 0), 1).rest(2).turn(60, (0, 1, 0), 1).rest(3)
+    guide, said = led(Port([INFO, *chunks(moved)]), guide=RestGuide(config().protocol, 68.0))
+    assert guide.moved_s > 1
+    assert len(said.texts(Kind.WARNING)) == 1
+
+
 def test_enough_is_said_once_and_ends_it_where_that_was_asked():
     answers = {300: RestAnswer(("B after 3.1 h",)), 500: RestAnswer(("all known",), True), 700: RestAnswer(("still known",), True)}
     _, said = led(Port([INFO, *chunks(REST)]), guide=RestGuide(config().protocol, 5.0, Figures(answers)))

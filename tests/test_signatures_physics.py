@@ -8,9 +8,7 @@ from conftest import DEG, Table, session_of
 from looks import G, with_sensor
 from scipy.signal import butter, lfilter
 
-from session.detect.rest_noise import lines_of, rest_lines, spectra
 from session.detect.signatures import _NEW_ZERO, FILTER, TRACKED, check_signatures
-from session.detect.stills import find_stills
 from session.log.registers import accel_mps2_per_lsb, gyro_rps_per_lsb
 
 ZERO = np.array([0.56, -0.28, 0.42])
@@ -168,36 +166,3 @@ def test_what_drifts_or_vibrates_is_none_of_them(sound):
 def test_an_accelerometer_that_answers_two_values(sound):
     (finding,) = found(sound, accel=np.where(sound.logs[0].samples.accel > 0, G, 0.0))
     assert finding.description.startswith("the accelerometer reads 2 values only, 0, 1 g")
-
-
-# Lines in the noise at rest of one sensor, each of a known size
-
-RATE_HZ, LENGTH = 50.0, 200
-HZ = np.fft.rfftfreq(LENGTH, 1 / RATE_HZ)
-
-
-def noise(seed):
-    return np.random.default_rng(seed).standard_normal((60, LENGTH, 3))
-
-
-def flat(x):
-    return np.mean(np.abs(x) ** 2, axis=0)
-
-
-def test_an_axis_that_rests_at_one_reading_leaves_no_spectrum(sound):
-    samples = sound.logs[0].samples
-    stills, _ = find_stills(samples)
-    accel = np.array(samples.accel)
-    for still in stills:
-        accel[still.start : still.stop, 1] = accel[still.start, 1]
-    assert [rest_lines(replace(samples, accel=each), stills, True) is None for each in (samples.accel, accel)] == [False, True]
-
-
-def test_a_line_is_found_at_its_frequency_with_its_share():
-    t = np.arange(LENGTH) / RATE_HZ
-    x = noise(1)
-    x[:, :, 1] += np.sqrt(2) * np.sin(2 * np.pi * 12.5 * t + 0.3)  # as much power as the noise
-    spectrum = spectra(x)
-    (none_hz, _), (line_hz, share), (_, third) = lines_of(spectrum, HZ, flat(spectrum))
-    assert (line_hz, none_hz, third) == ((12.5,), (), 0.0)
-    assert share == pytest.approx(0.5, abs=0.03)

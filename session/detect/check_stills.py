@@ -2,26 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from session.base.errors import CalibrationError
 from session.base.numeric import median_length
-from session.base.texts import listed
 from session.base.units import DEG, MDPS, MG, STANDARD_GRAVITY_MPS2, G
 from session.detect.accelerometer import APART_RAD, attitudes_of, force_of
 from session.detect.events import knocked
 from session.detect.findings import Correction, Finding, unreadable, xyz_text
-from session.detect.rest_noise import Lines, rest_lines
 from session.detect.segments import LEAPS, FoundTurn, LogSegments, why_too_few
 from session.detect.stills import BY_HAND, Noise, Still, UnusedRest, noise_floor, references
 from session.log.config import Config, Sensor
 from session.log.logfile import Log
 from session.log.rests import RestLog, read_rest
-from session.log.samples import Samples
 from session.log.sensors import Profile
 
 # Checks of what a log's still phases show: their number, the noise, the zero-rate level, the length of gravity.
@@ -30,8 +26,6 @@ from session.log.sensors import Profile
 #: filter changes on the way
 UNSEEN_SHARE = 1 / 3
 NOISE_RATIO = 3.0  #: units differ by 1.4 at most
-#: share of the noise's power that lines must hold before they are a reason: 5 % of its size
-VIBRATION = 0.1
 #: mdps/√Hz of nearly all MEMS gyroscopes: so narrow that dps and rad/s, by a factor of 57, cannot both lie in it
 MEMS_MDPS_RTHZ = (1.0, 50.0)
 #: findings on the noise at rest
@@ -131,11 +125,10 @@ def check_unseen(parts: Sequence[LogSegments]) -> list[Finding]:
     return found
 
 
-def check_noise(where: str, noise: Noise | None, sensor: Sensor, samples: Samples, stills: Sequence[Still]) -> list[Finding]:
+def check_noise(where: str, noise: Noise | None, sensor: Sensor) -> list[Finding]:
     """White noise in the stills against the sensor's own, by session.toml or else by its model; without either the noise is only reported.
 
-    Taken from neighbouring means of 0.1 s, so the sensor's filter does not lower it.  Where it is too large, lines in its spectrum show
-    vibration or interference.
+    Taken from neighbouring means of 0.1 s, so the sensor's filter does not lower it.
     """
     if noise is None:
         return []
@@ -143,10 +136,9 @@ def check_noise(where: str, noise: Noise | None, sensor: Sensor, samples: Sample
     gyro = _of_model(sensor, "gyro_noise_mdps_rthz") if stated is None else ("session.toml has", stated)
     accel = _of_model(sensor, "accel_noise_ug_rthz")
     mdps, ug = noise.gyro / MDPS, noise.accel / MG * 1e3
-    lines = partial(rest_lines, samples, stills)
     return [
-        _noise_finding(where, GYRO_NOISE, xyz_text(mdps, 1) + " mdps/√Hz", mdps, gyro, _unit_at_rest(mdps), lines),
-        _noise_finding(where, ACCEL_NOISE, xyz_text(ug, 0) + " µg/√Hz", ug, accel, "", lines),
+        _noise_finding(where, GYRO_NOISE, xyz_text(mdps, 1) + " mdps/√Hz", mdps, gyro, _unit_at_rest(mdps)),
+        _noise_finding(where, ACCEL_NOISE, xyz_text(ug, 0) + " µg/√Hz", ug, accel, ""),
     ]
 
 
@@ -165,31 +157,14 @@ def _of_model(sensor: Sensor, figure: str) -> tuple[str, float] | None:
     return typical and (f"the {typical[0]} has", typical[1])
 
 
-def _noise_finding(
-    where: str,
-    what: str,
-    text: str,
-    found: np.ndarray,
-    yardstick: tuple[str, float] | None,
-    do_unknown: str,
-    lines: Callable[[bool], tuple[Lines, ...] | None],
-) -> Finding:
+def _noise_finding(where: str, what: str, text: str, found: np.ndarray, yardstick: tuple[str, float] | None, do_unknown: str) -> Finding:
     if yardstick is None:
         return Finding("note", where, what, f"{text}; what this sensor should have is not known", do_unknown)
     who, expected = yardstick
     ratio, text = found.max() / expected, f"{text}, {who} {expected:g}"
     if ratio > NOISE_RATIO:
         text = f"{text}: {ratio:.1f} times as much (bar {NOISE_RATIO:g})"
-        found_lines = lines(what == ACCEL_NOISE)
-        if found_lines is None:
-            return Finding("warning", where, what, text, "the stills are too short to separate vibration from the sensor's own noise")
-        axis = int(found.argmax())
-        hz, share = found_lines[axis]
-        do = "no line shows: this unit's noise or filter, wrong units, or a table that trembles"
-        if hz:
-            text += f"; lines at {listed([f'{x:.3g}' for x in hz], 3)} Hz hold {100 * share:.0f} % of {'xyz'[axis]}"
-        if share > VIBRATION:
-            do = "does the table, the floor or a fan vibrate? else it is interference in the sensor"
+        do = "does the table, the floor or a fan vibrate? else it is this unit's noise or filter, or a wrong unit"
         return Finding("warning", where, what, text, do)
     if found.min() < expected / NOISE_RATIO:
         return Finding("note", where, what, f"{text}: less than it can be; averaged before logging, or wrong units?", "")

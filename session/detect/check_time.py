@@ -26,11 +26,6 @@ ODR_CLOCKS = 0.005  #: INTERNAL_FREQ_FINE's step 0.15 % and the host clock's 0.3
 #: of a period, by which all stamps lie on multiples of the declared period where they are counted.  A clock of its own that is only
 #: 1 ppm off leaves this after 1000 samples
 COUNTED_WITHIN, LEAST_COUNTED = 1e-3, 1000
-#: by which a time column in another unit runs too fast or too slow
-UNIT_FACTORS = (1e3, 1e6, 1e9, 1e-3, 1e-6, 1e-9)
-#: degC per second over a whole log: soldering heats no package faster (J-STD-020, ramp-up 3 degC/s at most)
-FASTEST_C_PER_S, BLOCKS = 3.0, 8
-
 FASTER = {1e3: "us that are read as ns, ms as us, or s as ms", 1e6: "ms that are read as ns, or s as us", 1e9: "s that are read as ns"}
 SLOWER = {1e3: "ns that are read as us, us as ms, or ms as s", 1e6: "ns that are read as ms, or us as s", 1e9: "ns that are read as s"}
 
@@ -111,29 +106,16 @@ def looks_counted(log: Log, sensor: Sensor) -> bool:
 def unit_factor(true_hz: float, declared_hz: float) -> float | None:
     """By which time runs too fast (beyond 1) or too slow, where a wrong unit of the time column explains it; else None."""
     ratio = true_hz / declared_hz
-    return next((factor for factor in UNIT_FACTORS if abs(ratio / factor - 1) <= ODR_WRONG), None)
+    return next((factor for factor in (*FASTER, *(1 / factor for factor in SLOWER)) if abs(ratio / factor - 1) <= ODR_WRONG), None)
 
 
 def _wrong_unit(where: str, true_hz: float, sensor: Sensor, factor: float) -> Finding:
     fast = factor > 1
     times = round(factor if fast else 1 / factor)
     text = f"{true_hz:.6g} Hz by the stamps, {sensor.odr_hz:g} Hz declared: time runs {times} times too {'fast' if fast else 'slowly'}"
-    do = f"{(FASTER if fast else SLOWER)[times]}? correct the name of the time column (t_ns, t_us, t_s), or --time-unit of import"
     named = (FASTER if fast else SLOWER)[times]
+    do = f"{named}? correct the name of the time column (t_ns, t_us, t_s), or --time-unit of import"
     return Finding("error", where, "time unit", text, do, (Correction(f"the time column is in another unit: {named}", "time", factor),))
-
-
-def check_warming(log: Log) -> list[Finding]:
-    """A temperature that moves faster than any sensor's can: then it is time that is wrong."""
-    samples = log.samples
-    if samples.temp_c is None or len(samples) < 2 * BLOCKS or samples.duration_s <= 0:
-        return []
-    means = np.array([block.mean() for block in np.array_split(samples.temp_c, BLOCKS)])
-    moved, over_s = float(np.ptp(means)), samples.duration_s * (1 - 1 / BLOCKS)
-    if moved / over_s <= FASTEST_C_PER_S:
-        return []
-    text = f"{moved:.0f} degC within {over_s:.3g} s, bar {FASTEST_C_PER_S:g} degC/s: no sensor warms or cools so fast"
-    return [Finding("warning", log.path.name, "time unit", text, "is the time column's unit right (us read as ns)? is the temperature's?")]
 
 
 def check_length(log: Log, segment_s: float) -> list[Finding]:

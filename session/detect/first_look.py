@@ -47,7 +47,7 @@ from session.detect.check_stills import (
     check_unused_rests,
     check_zero_rate,
 )
-from session.detect.check_time import check_length, check_rate, check_rate_changes, check_undersampling, check_warming
+from session.detect.check_time import check_length, check_rate, check_rate_changes, check_undersampling
 from session.detect.findings import Finding, as_arguments, unreadable, worst
 from session.detect.segments import FEWEST_SEGMENTS, Ends, Segment, cut_segments, known_turns, moments_of, session_segments
 from session.detect.signatures import FILTER, check_signatures, explains_others
@@ -106,7 +106,6 @@ def first_look(
         *check_bridges(log, config.sensor, good, noise, config.protocol.segment_s),
         *check_dead(log, missing_accel),
         *check_temperature(log, good, config.sensor),
-        *check_warming(log),
     ]
     if session.reference is not None and log in session.logs:
         # Where something better than gravity is the reference, nothing has to be still.
@@ -132,7 +131,7 @@ def first_look(
     return [
         *findings,
         *check_repeated_gravity(log, noise),
-        *check_noise(where, noise, config.sensor, log.samples, good),
+        *check_noise(where, noise, config.sensor),
         *check_zero_rate(where, good, config.sensor),
         *check_gravity(where, good, config, noise, closure_run=log in session.closures, raw=log.raw),
         *_axes_below(ceiling, fitted, examined, samples, config),

@@ -9,12 +9,11 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import chdtrc, gammaincinv
+from scipy.special import chdtrc, gammaincc, gammaincinv
 
 from session.base.errors import DataError
 from session.base.progress import Progress, no_report
 from session.base.texts import significant
-from session.detect.rest_noise import FEWEST, lines_of, spectra
 from tinygc.features.noise.choice import FILTER, UNSEEN, Chosen, Search, cost, stacked, stacks_of, unit_covariance
 from tinygc.features.noise.scales import TOP, Group, groups_of, knots_of, left_out, rest_of, temperature_part, unsteady
 from tinygc.features.noise.summary import SECTION, RestSums, contrasts, ratios_of
@@ -28,6 +27,10 @@ SAME_RATE = 0.02
 SHIFTED = 3.0
 #: sigma of ln N without the finest level, above which nothing is learned from it
 SEEN_WITHOUT = 0.3
+#: sections that show a line; level of each test: this much in a hundred logs without one, over all frequencies together
+FEWEST, LEVEL = 10, 0.01
+#: bins of the background on either side of a line, and those next to it that hold its own power (Hann's window has 4 wide)
+AROUND, NEXT = 12, 2
 #: lines of a channel that are described, the strongest
 MOST_LINES = 4
 #: share of missing readings that is reported; values of a register in a section up to which its steps are as large as the noise
@@ -268,7 +271,7 @@ def _slope(search: Search, chosen: Chosen) -> tuple[float, float]:
     return float(np.sqrt(square)) / information, float(1 / np.sqrt(information))
 
 
-# Lines.
+# Lines: peaks of the mean periodogram.  White noise and the sensor's own 1/f noise have none.
 
 
 def _lines_hz(sections: np.ndarray, period_s: float) -> tuple[float, ...]:
@@ -276,21 +279,38 @@ def _lines_hz(sections: np.ndarray, period_s: float) -> tuple[float, ...]:
     moving = sections[np.ptp(sections, axis=1) > 0]
     if len(moving) < FEWEST:
         return ()
-    x = spectra(moving[:, :, None].astype(float))
+    # Without their lines through the ends' means, in Hann's window.
+    t = np.arange(SECTION) - (SECTION - 1) / 2
+    x = moving - moving.mean(axis=1, keepdims=True)
+    x = x - t * (x @ (t / (t @ t)))[:, None]
     hz = np.fft.rfftfreq(SECTION, period_s)
-    power = np.mean(np.abs(x) ** 2, axis=0)
+    power = np.mean(np.abs(np.fft.rfft(x * np.hanning(SECTION + 1)[:-1], axis=1)) ** 2, axis=0)
     apart: list[int] = []
-    for one in lines_of(x, hz, power)[0][0]:
-        at = round(one / hz[1])
+    for at in _peaks(power, len(moving)):
         if all(abs(at - other) > NEAR for other in apart):
             apart.append(at)
-    size = np.sqrt(power[:, 0])
+    size = np.sqrt(power)
     found = []
     for at in apart[:MOST_LINES]:  # between two bins, by the ratio of their amplitudes in Hann's window
         side = 1 if size[at + 1] > size[at - 1] else -1
         ratio = size[at + side] / size[at]
         found.append(float((at + side * np.clip((2 * ratio - 1) / (ratio + 1), 0, 0.5)) * hz[1]))
     return tuple(found)
+
+
+def _peaks(power: np.ndarray, count: int) -> list[int]:
+    """Bins of a mean periodogram (F,) of so many sections, the strongest first, that chance makes of their surroundings in less than one
+    log of a hundred."""
+    middle = gammaincinv(count, 0.5) / count  # the median of a mean periodogram, of its mean
+    found = []
+    for k in range(2, len(power) - 1):
+        low, high = max(k - AROUND, 1), min(k + AROUND + 1, len(power) - 1)
+        near = np.r_[low : max(k - NEXT, low), min(k + NEXT + 1, high) : high]
+        if len(near) < AROUND or power[k] < power[max(k - NEXT, 0) : k + NEXT + 1].max():
+            continue
+        if len(power) * gammaincc(count, count * power[k] * middle / np.median(power[near])) < LEVEL:
+            found.append((power[k], k))
+    return [k for _, k in sorted(found, reverse=True)]
 
 
 # The Allan deviation, of the same windows.

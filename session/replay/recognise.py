@@ -454,7 +454,7 @@ def _suggested(lines: Sequence[str]) -> tuple[int, list[tuple[str, str, int]], l
     time = next(
         iter((*named, *(c for c in rises if c not in clocks and (np.diff(values[:, c]) != 1).any()), *sorted(clocks), *rises)), None
     )
-    sensors = [_sensor(name) for name in names]
+    sensors = ["-" if is_named_clock(name) else _sensor(name) for name in names]
     left = [c for c in range(count) if c not in (time, *clocks) and sensors[c] != "-" and np.isfinite(values[:, c]).all()]
     triads = [c for c in left if {c + 1, c + 2} <= set(left)]
     of: dict[str, list[int]] = {}

@@ -40,7 +40,7 @@ TOKEN = re.compile(r"\x1b\[[?0-9;]*[A-Za-z]|\r|\n|[^\x1b\r\n]+")
 @dataclass(frozen=True)
 class Screen:
     """words: of the command; first: pattern of its first line; lines: at most; code: its exit code; before: a command run once before it;
-    slow: left to ``.ci/run``."""
+    slow: left to ``.ci/run``; night: and not there."""
 
     words: str
     first: str
@@ -48,6 +48,7 @@ class Screen:
     code: int = 0
     before: str = ""
     slow: bool = False
+    night: bool = False
 
 
 ARRAY = "simulate --out array --units 3 --segments 16 --odr-hz 104"
@@ -59,7 +60,7 @@ RATES = "rate_dps,output_v\n-60,-1.2001\n-40,-0.7998\n-20,-0.4001\n0,0.0002\n20,
 ODD = 'simulate --out odd --segments 30 --effect gyro.g_sensitivity={"matrix_dps_per_g":[[0.05,0,0],[0,0.05,0],[0,0.03,0.08]]}'
 SCREENS = (
     Screen("explain good", r"OK: nothing beyond the model shows \(p = 0\.\d+\)\.$", slow=True),
-    Screen("challenge --cases 1", r"3 of 3 effects found in simulation, 0 wrong names\.$", slow=True),
+    Screen("challenge --cases 1", r"3 of 3 effects found in simulation, 0 wrong names\.$", night=True),
     Screen("import good/log0001.csv.gz --out own --latitude 31", r"own: 16 turns, 17 stills, 62\.\d+ Hz\.", lines=12),
     Screen("check good/log0001.csv.gz", r"READY"),
     Screen("fit good/log0001.csv.gz --latitude 31 --methods least_squares", r"PASS: held-out turns close to ", slow=True),
@@ -172,7 +173,10 @@ def folder(tmp_path_factory):
     return folder
 
 
-@pytest.mark.parametrize("screen", [pytest.param(each, id=each.words, marks=[pytest.mark.broad] * each.slow) for each in SCREENS])
+@pytest.mark.parametrize(
+    "screen",
+    [pytest.param(each, id=each.words, marks=[pytest.mark.broad] * each.slow + [pytest.mark.slow] * each.night) for each in SCREENS],
+)
 def test_a_screen_begins_with_its_answer_and_is_read_at_80_columns(folder, screen):
     if screen.before:
         screen_of(screen.before, folder)

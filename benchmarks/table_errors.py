@@ -75,7 +75,7 @@ def stamped(
     """The word (S, B + 1, K) at the edges (S, B + 1), s, and their places among the answers, as ``observe`` has them."""
 
     def word(at_s: np.ndarray) -> np.ndarray:
-        return np.stack([track.said(at_s) for track in tracks], axis=-1)
+        return np.stack([track.reported(at_s) for track in tracks], axis=-1)
 
     asked_s, stamp_s = stamps.drawn(spans[-1][1] + summary.still_s, rng)
     answers, cut = word(asked_s - summary.errors.latency_s), []

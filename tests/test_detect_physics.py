@@ -273,6 +273,14 @@ def test_steps_are_looked_for_in_stretches_of_a_second_and_eight_steps(good, rat
     assert check_quantised(of_rows(gyro[1:], gyro[1:], rate_hz), good.config.sensor) == []
 
 
+@pytest.mark.parametrize(("seconds", "found"), [(4.8, []), (5.4, ["accelerometer dead"])])
+def test_an_axis_clips_for_five_seconds_at_most(good, seconds, found):
+    log = good.logs[0]
+    accel = np.array(log.samples.accel)
+    accel[1000 : 1000 + round(208 * seconds), 0] = accel[:, 0].max()
+    assert [each.what for each in check_dead(replace(log, samples=log.samples.with_accel(accel)))] == found
+
+
 def test_rows_without_force_are_no_dead_axis_where_that_is_agreed():
     rng = np.random.default_rng(1)
     gyro, accel = rng.normal(size=(1000, 3)), rng.normal(size=(1000, 3))

@@ -125,7 +125,7 @@ class TurnedRecording:
             print("\n".join(map(printable, plan)), file=sys.stderr, flush=True)
         for question in () if yes else ("turn? (yes)", *([SHOWS_LITTLE] if shows_little else [])):
             ask_person(question, UNCONFIRMED)
-        self._plan = [Move(k, *limits, axis.fastest_rps) for k, (axis, limits) in axes]
+        self._plan = [Move(k, least, most, axis.fastest_rps) for k, (axis, (least, most)) in axes]
         if self._home and self._table is not None:
             self._table.confirm([Move.home()], None, lambda line: None)
             self._table.home()

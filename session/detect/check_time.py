@@ -193,16 +193,16 @@ def check_undersampling(log: Log, turns: Sequence[Ends], noise: Noise | None, co
     error, floor = (f"{angle / DEG:.2g}°" for angle in (rms_rad, floor_rad))
     if rms_rad <= floor_rad:
         by = f"by about {error} rms" if rms_rad > LEAST_REPORTED * floor_rad else "nothing"
-        text = f"turns miss {by} of what is faster than {half_hz:.3g} Hz, half the data rate; white noise makes {floor}"
+        text = f"turns miss {by} of what is faster than {half_hz:.4g} Hz, half the data rate; white noise makes {floor}"
         return [Finding("ok", where, what, text)]
     if exponent < LEAST_EXPONENT:
         return []
     needed_hz = 2 * half_hz * (rms_rad / floor_rad) ** (1 / exponent)  # where the rms would be down at the floor
     text = (
-        f"motion faster than {half_hz:.3g} Hz, half the data rate: turns miss by about {error} rms that no calibration removes "
+        f"motion faster than {half_hz:.4g} Hz, half the data rate: turns miss by about {error} rms that no calibration removes "
         f"(less if the sensor filters it); white noise makes {floor}"
     )
-    do = f"{needed_hz:.0f} Hz would have been enough, or a low-pass below {half_hz:.3g} Hz in the sensor; or turn more smoothly"
+    do = f"{needed_hz:.0f} Hz would have been enough, or a low-pass below {half_hz:.4g} Hz in the sensor; or turn more smoothly"
     return [Finding("warning", where, what, text, do)]
 
 

@@ -33,7 +33,7 @@ from session.base.files import (
 )
 from session.base.names import CLOCKS, log_paths, refuse_special
 from session.base.progress import Reporter, no_report
-from session.base.texts import printable, unicode_text
+from session.base.texts import printable, significant, unicode_text
 from session.base.toml import Note, add_lines, edited, parse_toml, toml_line, value_text
 from session.base.units import DEG
 from session.log.config import (
@@ -286,7 +286,7 @@ class Session:
             raise FormatError(f"{self.folder}: sensor.clock_ratio is not given; `record` measures it; leave --clock {clock} out")
         if self.reference is not None:
             raise FormatError(f"{self.folder}: the {self.reference.title}s go by the logs' own stamps; leave --clock {clock} out")
-        note = f"stamps divided by {ratio:.9g}" + ("" if sigma_ppm is None else f" ± {sigma_ppm:.3g} ppm") + f" (--clock {clock})"
+        note = f"stamps divided by {ratio:.9g}" + ("" if sigma_ppm is None else f" ± {significant(sigma_ppm)} ppm") + f" (--clock {clock})"
 
         def timed(log: Log) -> Log:
             t_ns = np.rint(log.samples.t_ns / np.longdouble(ratio)).astype(np.int64)

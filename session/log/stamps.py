@@ -13,6 +13,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from session.base.errors import DataError
 from session.base.numeric import MEDIAN_SIGMAS, running_sum, runs_of
+from session.base.texts import significant
 from session.base.units import NS, NS_PER_S
 
 # The true time between two samples, where single samples are missing, and where stamps are coarse or jitter.
@@ -469,8 +470,8 @@ def along_line(t_ns: np.ndarray, name: str) -> tuple[np.ndarray, str, float]:
         what = f"counting along the stamps misses them by {aside.max() * 1e3:.4g} ms at {at_s:.1f} s"
         raise DataError(f"{name}: {what}: the rate changes, or samples are missing; leave --even out, and look at `calibrate.py check`")
     sigma_ppm = _sigma_ppm(count, off, slope_s)
-    rate = f"{1 / slope_s:.3f} Hz ± {sigma_ppm:.2g} ppm"
-    note = f"stamps scatter by {off.std() * 1e3:.2g} ms rms: counted evenly, {rate}"
+    rate = f"{1 / slope_s:.3f} Hz ± {significant(sigma_ppm, 2)} ppm"
+    note = f"stamps scatter by {significant(off.std() * 1e3, 2)} ms rms: counted evenly, {rate}"
     return t_ns[0] + np.rint(even_s * NS_PER_S).astype(np.int64), note, sigma_ppm
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from session.base.errors import DataError
 from session.base.numeric import held_for, new_readings, runs_of
 from session.base.questions import Question, QuestionsError
+from session.base.texts import significant
 from session.base.units import DEG, G
 from session.bench.session_file import ASSUMED
 from session.log.arrays import USUAL_DPS, USUAL_G
@@ -113,7 +114,7 @@ def with_full_scales(sources: Sequence[Source], joined: Joined, answers: Answers
         most = max(float(np.abs(values[:, axis] * (si / unit)).max()) for axis in range(3))  # of a day no copy of all
         if most > FAR * (stated or usual[-1]):
             range_ = f"{option} {stated:g} holds" if stated else f"any usual full scale (up to {usual[-1]:g} {word}) holds"
-            reach = f"{name}: the {called}'s readings reach {most:.4g} {word}, more than {range_}"
+            reach = f"{name}: the {called}'s readings reach {significant(most, 4)} {word}, more than {range_}"
             raise DataError(f"{reach}; is its unit right? give --{kind}-unit, or {option}")
         if stated is not None:
             found[kind] = stated
@@ -126,7 +127,7 @@ def with_full_scales(sources: Sequence[Source], joined: Joined, answers: Answers
             questions.append(Question(what, f"{option} {word.upper()}", "its range ends there, or near"))
             continue
         found[kind] = next((float(range_) for range_ in usual if range_ * AT_LAST > most), float(np.ceil(most)))
-        assumed.append((called, f"±{found[kind]:g} {word}", f"{most:.4g} {word}", option))
+        assumed.append((called, f"±{found[kind]:g} {word}", f"{significant(most, 4)} {word}", option))
     if questions:
         raise QuestionsError(name, dialect, questions)
     notes = [

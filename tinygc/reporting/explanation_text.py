@@ -232,7 +232,7 @@ def explanation_facts(e: Explanation, panels: Sequence[Part] = ()) -> list[Part]
     if rejected := rejected_words(e):
         parts.append(f"considered, and rejected: {', '.join(rejected)}")
     if e.verdict == "unexplained" and (highest := lines_end_hz(e.twin)) is not None:
-        parts.append(f"not searched: lines of the rate above {highest:.2g} Hz, too many in so long a session")
+        parts.append(f"not searched: lines of the rate above {significant(highest, 2)} Hz, too many in so long a session")
     if components := noise_rows(e):
         parts.append(Table("estimated non-white noise", ("component", "± one sigma", "what it is"), components, left=range(3)))
     if not e.problem.instability.source.startswith("typical"):
@@ -273,7 +273,7 @@ def _where(e: Explanation) -> str:
     words += [f"axes {', '.join(place['axes'])}"] if place["axes"] else []
     if at is not None and at["variable"] != "time":
         variable = Variable(at["variable"], "xyz".index(at["axis"]) if "axis" in at else None).words
-        words.append(f"{variable} {at['from']:.3g} to {at['to']:.3g} {at['units']}")
+        words.append(f"{variable} {significant(at['from'])} to {significant(at['to'])} {at['units']}")
     words += [] if place["seconds"] is None else [f"from {place['seconds'][0]:.1f} to {place['seconds'][1]:.1f} s"]
     worst = zip(place["segments"][:MOST_SEGMENTS], place["segment_seconds"], strict=False)
     listing = ", ".join(f"{number} ({start:.0f}–{stop:.0f} s)" for number, (start, stop) in worst)

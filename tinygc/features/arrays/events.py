@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.special import fdtrc
 
-from session.base.texts import probability
+from session.base.texts import probability, significant
 from session.base.units import DEG, MG
 from tinygc.features.arrays.system import Layout, Solution, UnitRows
 from tinygc.features.arrays.units import SameStills
@@ -55,8 +55,8 @@ class ArrayEvent:
     def size_text(self) -> str:
         """Return the size with its unit."""
         if self.what in (FALSE_READING, KNOCK):
-            return f"{self.size / DEG:.3g}°/s"
-        return f"{self.size / DEG:.2g}°" if "turn" in self.what else f"{self.size / MG:.2g} mg"
+            return f"{significant(self.size / DEG)}°/s"
+        return f"{significant(self.size / DEG, 2)}°" if "turn" in self.what else f"{significant(self.size / MG, 2)} mg"
 
     def together(self, events: Iterable[ArrayEvent]) -> tuple[ArrayEvent, ...]:
         """Return the events of single units in the same turn or still; with more than one unit, none is a sensor's own."""

@@ -7,7 +7,7 @@ from pathlib import PurePosixPath
 
 from session.base.numeric import sigmas_in
 from session.base.records import table_of
-from session.base.texts import measured, probability
+from session.base.texts import measured, probability, significant
 from session.base.units import DEG
 from tinygc.explanation.claims import p_entry
 from tinygc.features.discovery.enumeration import bits
@@ -136,8 +136,8 @@ def discovery_facts(table: dict, following: str | None = None, brief: bool = Fal
     if not brief and not laws and table["forms"]:
         # Effects of an answer without a law come from part of the recording, untested: the explanation above lists its own.
         facts.append(
-            f"the best form promises {table['best']:.3g} in −2 log evidence by its linear columns, its description paid; "
-            f"in noise alone the best of so many promises more than {table['chance']:.3g} in 1 of 20 searches"
+            f"the best form promises {significant(table['best'])} in −2 log evidence by its linear columns, its description paid; "
+            f"in noise alone the best of so many promises more than {significant(table['chance'])} in 1 of 20 searches"
         )
     facts += [line for line in (table["why"], "" if brief else _learnable(table["learnable"])) if line]
     return [*facts, *([Text.assemble(("next: ", "bold"), following)] if following else [])]
@@ -147,7 +147,7 @@ def evidence_words(law: dict) -> list[str]:
     """Evidence for a law: chi-square, chance, held-out segments, and its detection limit."""
     chance = probability(law["chance_p"])
     found = [
-        f"reduces chi-square by {law['chi_square']:.0f} and improves −2 log evidence by {law['better_by']:.4g}; "
+        f"reduces chi-square by {law['chi_square']:.0f} and improves −2 log evidence by {significant(law['better_by'], 4)}; "
         f"in noise alone a search finds as much with {chance}",
         *(held_out_words(each) for each in law["held_out"]),
     ]
@@ -155,7 +155,7 @@ def evidence_words(law: dict) -> list[str]:
         words = "; ".join(each["in_words"] for each in law["not_observed"])
         found.append(f"not observed in this recording, set to zero and not applied: {words}")
     if (factor := law["learnable_from"]) is not None:
-        size = f"from {factor:.2g} of its size on" if factor <= 1 else f"only from {factor:.2g} times its size on"
+        size = f"from {significant(factor, 2)} of its size on" if factor <= 1 else f"only from {significant(factor, 2)} times its size on"
         found.append(f"in 19 of 20 draws of noise this search finds it here {size}")
     return found
 
@@ -217,7 +217,7 @@ def open_words(law: dict) -> list[str]:
     found = [f"equivalent in this recording: {'; '.join(same[:MOST_SAME])}{more}"] if same else []
     for each in law["runners_up"][:MOST_RUNNERS_UP]:
         name = f"{each['id']}  " if each["id"] else ""
-        worse = f"worse by {each['worse_by']:.3g}, correlation {each['correlation']:.3f}"
+        worse = f"worse by {significant(each['worse_by'])}, correlation {each['correlation']:.3f}"
         found.append(f"alternative: {name}{briefly(each['equation'])} ({worse}): {each['discriminating_motion']}")
     return found
 
@@ -226,7 +226,7 @@ def _learnable(learnable: dict) -> str:
     known = [(_quantity(name), each["size_dps"]) for name, each in learnable.items() if each["size_dps"] is not None]
     blind = [_quantity(name) for name, each in learnable.items() if each["size_dps"] is None]
     known.sort(key=lambda pair: pair[1])
-    texts = ", ".join(f"{name} from {size:.2g}" for name, size in known[:MOST_LEARNABLE])
+    texts = ", ".join(f"{name} from {significant(size, 2)}" for name, size in known[:MOST_LEARNABLE])
     lines = [f"a law of one quantity alone would be found in 19 of 20 such recordings from so many dps rms on: {texts}"] if known else []
     return "; ".join(lines + ([f"not detectable here: {', '.join(blind)}"] if blind else []))
 

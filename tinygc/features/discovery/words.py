@@ -9,6 +9,7 @@ from math import floor, isfinite, log10
 
 import numpy as np
 
+from session.base.texts import significant
 from session.base.units import DEG
 from tinygc.features.discovery.form import Factor, LawForm
 from tinygc.features.discovery.quantities import FUNCTIONS
@@ -143,7 +144,7 @@ def _shown(factor: Factor, index: str) -> str:
 
 
 def _number(value: float) -> str:
-    return f"{value:.3g}" if abs(value) < 1000 else f"{value:.0f}"
+    return f"{value:.3g}" if value == 0 or 1e-4 <= abs(value) < 1000 else significant(value)
 
 
 def _constant(factor: Factor, place: int) -> str:

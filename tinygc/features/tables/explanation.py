@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from session.base.errors import DataError
-from session.base.texts import measured, probability
+from session.base.texts import measured, probability, significant
 from session.base.units import DEG, DEG_PER_HOUR
 from tinygc.closure.problem import Problem
 from tinygc.features.tables import rows as of
@@ -111,9 +111,9 @@ class TableShown:
         sizes, found = selected.noise.sizes, []
         for name, ratio in selected.excess.items():
             words = {
-                REPEATABILITY: f"the table repeats {sizes[REPEATABILITY]:.2g} times worse than its axes declare",
-                AT_REST: f"the accelerometer scatters by {1e3 * sizes[AT_REST]:.2g} mg from rest to rest",
-                IN_TURN: f"turns scatter by {sizes[IN_TURN] / DEG:.2g} deg",
+                REPEATABILITY: f"the table repeats {significant(sizes[REPEATABILITY], 2)} times worse than its axes declare",
+                AT_REST: f"the accelerometer scatters by {significant(1e3 * sizes[AT_REST], 2)} mg from rest to rest",
+                IN_TURN: f"turns scatter by {significant(sizes[IN_TURN] / DEG, 2)} deg",
             }
             found.append(
                 f"{words[name]}, {ratio:.1f} times what is taken to be noise: an error too large for this method, or unknown to it"
@@ -208,7 +208,7 @@ class TableShown:
         if not shown["effects"] and shown["suspected"]:
             rows.append(("", f"suspected, and not shown: {', '.join(shown['suspected'])}"))
         seen = [
-            f"{each['id'].removeprefix('table.')} {each['where']} {each['detection_limit']:.2g} {each['unit']}"
+            f"{each['id'].removeprefix('table.')} {each['where']} {significant(each['detection_limit'], 2)} {each['unit']}"
             for each in shown["undecided"]
         ]
         limits = [f"not seen, and would be from: {'; '.join(seen)}"] if seen else []
@@ -219,8 +219,9 @@ class TableShown:
         rows += zip(["limits", *[""] * len(limits)], limits, strict=False)
         late, noise = measured(shown["latency_ms"], shown["latency_std_ms"]), shown["noise"]
         rows.append(("word", f"{late} ms late against the sensor, its filter and stamps included"))
-        rows.append(("", f"its stamps scatter by {noise['word_jitter_ms']:.2g} ms and wander by {noise['word_wander_ms']:.2g} ms"))
-        return [*rows, ("", f"repeatability {noise['repeatability_of_declared']:.2g} of what the axes declare")]
+        jitter, wander = (significant(noise[f"word_{name}_ms"], 2) for name in ("jitter", "wander"))
+        rows.append(("", f"its stamps scatter by {jitter} ms and wander by {wander} ms"))
+        return [*rows, ("", f"repeatability {significant(noise['repeatability_of_declared'], 2)} of what the axes declare")]
 
 
 def explain_table(problem: Problem, seed: int = 0) -> TableShown:

@@ -65,7 +65,7 @@ def _left(rests: RestFit, axis: int) -> Panel:
         left[knots.of == number] -= left[knots.of == number].mean()
     panel = Panel(Axis("temperature of the element (°C)"), Axis("left (dps)"), f"{'xyz'[axis]}: what the model leaves")
     if np.isfinite(band := fit.held_out / DEG):
-        panel.area([-np.inf, np.inf], -band, band, "quiet", name=f"held out, {band:.2g} dps rms")
+        panel.area([-np.inf, np.inf], -band, band, "quiet", name=f"held out, {significant(band, 2)} dps rms")
     for name, kind, which in _ways(rests):
         for sweep in np.unique(knots.sweep[which]):
             here = knots.sweep == sweep

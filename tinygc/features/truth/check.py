@@ -9,6 +9,7 @@ from session.base.errors import CalibrationError
 from session.base.numeric import rms_of
 from session.base.rotation import conjugate, multiply
 from session.base.rotation import log as rotation_vector
+from session.base.texts import significant
 from session.base.units import DEG
 from session.detect.findings import Finding, xyz_text
 from session.log.folder import Session
@@ -208,6 +209,6 @@ def _mounting(alignment: TruthAlignment, given: TruthGiven) -> tuple[str, str, s
 
 
 def _outage(truth: Truth, outage: TruthOutage) -> tuple[str, str, str, str]:
-    span, apart = f"{outage.from_s:.1f} to {outage.to_s:.1f} s", f"parts from the gyro by {outage.size_rps / DEG:.3g} dps rms"
+    span, apart = f"{outage.from_s:.1f} to {outage.to_s:.1f} s", f"parts from the gyro by {significant(outage.size_rps / DEG)} dps rms"
     whose = ", and it is the truth that is wrong" if outage.sure else "; the truth or the gyro is wrong"
     return "note", OUTAGE, f"{truth.path.name}, {span}: it {apart}{whose}", "its moments there are left out: look at the truth's residuals"

@@ -9,6 +9,7 @@ from scipy.special import fdtrc, gammaincinv
 
 from session.base import rotation
 from session.base.numeric import median_length, sigma_of
+from session.base.texts import significant
 from session.base.units import DEG
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.problem import Problem
@@ -140,7 +141,7 @@ def outages(spans: int, size_dps: list[float], sure: bool) -> Effect:
 
     def describe(theta: np.ndarray) -> str:
         where = ", ".join(f"{begin:.1f} to {end:.1f} s" for begin, end in theta.reshape(-1, 2))
-        apart = f"from {where} truth and gyro part by {max(size_dps):.3g} dps rms, far beyond what the rest of the recording shows"
+        apart = f"from {where} truth and gyro part by {significant(max(size_dps))} dps rms, far beyond what the rest of the recording shows"
         whose = "the truth has lost the body" if sure else "the truth or the gyro is wrong there, and this recording does not show which"
         return f"{apart}: {whose}; its moments there are left out"
 

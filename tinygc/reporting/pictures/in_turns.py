@@ -161,13 +161,14 @@ def over_rate(e: Explanation, claim: Claim) -> Panel:
     rates, closure = (np.asarray(claim.parameters[name], dtype=float)[order] for name in ("rates_hz", "closure_deg"))
     x = Axis("samples taken a second (Hz)", log=True, ticks=[(float(rate), f"{rate:.3g}") for rate in rates])
     title = "Fewer samples close worse: the motion is too fast for them"
-    panel = Panel(x, Axis("rms closure of the turns (°)", log=True), title).across(floor_deg, name=f"noise alone: {floor_deg:.2g}°")
+    panel = Panel(x, Axis("rms closure of the turns (°)", log=True), title)
+    panel.across(floor_deg, name=f"noise alone: {significant(floor_deg, 2)}°")
     line = predicted_deg * (rates / rates[0]) ** exponent
     panel.line(rates, line, "before", name=f"motion between samples: closure ~ rate^{exponent:.1f}")
-    panel.points(rates[0], predicted_deg, "before", ring=True, radius=6, name=f"of it at {rates[0]:.4g} Hz: {predicted_deg:.3g}°")
+    panel.points(rates[0], predicted_deg, "before", ring=True, radius=6, name=f"of it at {rates[0]:.4g} Hz: {significant(predicted_deg)}°")
     labels = [f"every {round(rates[0] / rate)}th sample" for rate in rates[1:]]
     panel.points(rates[1:], closure[1:], "before", radius=4.5, name="closure, samples left out", labels=labels)
-    return panel.points(rates[0], closure[0], "after", radius=4.5, name=f"closure as recorded: {closure[0]:.3g}°")
+    return panel.points(rates[0], closure[0], "after", radius=4.5, name=f"closure as recorded: {significant(closure[0])}°")
 
 
 # Clocks that differ: the velocity left after turns from rest to rest over the assumed offset, and turn by turn.

@@ -172,7 +172,7 @@ def _output(choice: Choice) -> Panel:
 def _residuals(choice: Choice) -> Panel:
     points, order = choice.points, np.argsort(choice.points.rate_dps, kind="stable")
     noise = (choice.fit.noise * (points.sigma if points.is_known else np.ones(len(points))))[order]
-    title = f"What the law leaves (a straight line: {choice.line.rms:.3g} rms)"
+    title = f"What the law leaves (a straight line: {significant(choice.line.rms)} rms)"
     panel = Panel(Axis("rate (°/s)"), Axis(f"left ({points.unit})"), title).zero()
     panel.area(points.rate_dps[order], -noise, noise, "floor", name="noise, 1 σ")
     return _measured(panel, choice, choice.fit.residuals)
@@ -193,7 +193,7 @@ def _titles(choice: Choice) -> list[str]:
     points = choice.points
     names = [curve_words(points.curves[n]) for n in points.curve]
     return [
-        f"{name} {significant(rate)} °/s: {value:.6g} {points.unit}, {left:+.2g} from the law".strip()
+        f"{name} {significant(rate)} °/s: {measured(value)} {points.unit}, {significant(left, 2)} from the law".strip()
         for name, rate, value, left in zip(names, points.rate_dps, points.output, choice.fit.residuals, strict=True)
     ]
 

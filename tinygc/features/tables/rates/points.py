@@ -20,7 +20,7 @@ import numpy as np
 from session.base.errors import FormatError
 from session.base.files import MB, read_text
 from session.base.numeric import running_sum
-from session.base.texts import printable
+from session.base.texts import printable, significant
 from session.base.units import DEG
 from tinygc.features.tables.feature import Columns
 
@@ -193,8 +193,10 @@ def settings_of(points: Points) -> tuple[Points, list[str]]:
     first = np.flatnonzero(begins)
     sigma = np.sqrt((noise**2 + (scale * rate_error * moved) ** 2) / count)
     settled = points_of(points.sensor, points.unit, rate, output, [points.curves[n] for n in points.curve[first]], sigma)
-    reported = f"{printable(points.sensor)}: within a setting the rates scatter by {rate_error:.2g} °/s, which the output does not follow: "
-    return settled, [f"{reported}taken for errors of the rates, {len(points)} readings for {len(count)} settings."]
+    scatter = f"{printable(points.sensor)}: within a setting the rates scatter by {significant(rate_error, 2)} °/s"
+    return settled, [
+        f"{scatter}, which the output does not follow: taken for errors of the rates, {len(points)} readings for {len(count)} settings."
+    ]
 
 
 def points_of(

@@ -257,7 +257,7 @@ def _panel(history: UnitHistory, part: Sequence[NumberHistory], title: str) -> P
             panel.area(grid, low, high, axis, name="" if k else "course, 68 %")
             panel.line(grid, middle, axis, "thin" if each.course.drifts or each.course.steps else "dash")
         notes = [
-            f"{history.sessions[place].name}: {component} {value:+.3g} ± {sigma:.2g} {unit}"
+            f"{history.sessions[place].name}: {component} {'+' if value > 0 else ''}{measured(value, sigma)} {unit}"
             for place, value, sigma in zip(each.sessions, values, sigmas, strict=True)
         ]
         shifted = at + (k - 1) * APART * ((hi - lo) or 1.0)

@@ -194,7 +194,7 @@ class Watch:
             yield from self._restart(Remark(RESTART, "the stamps went back: the clock was set, or began again", switched_on=False))
         elif gap_ns > 0:
             samples = round(gap_ns * NS / self._period_s)
-            yield from self._remark(Remark("gap", f"a gap of {gap_ns * NS:.3g} s", 1))
+            yield from self._remark(Remark("gap", f"a gap of {significant(gap_ns * NS)} s", 1))
             self._end_quiet()
             yield from self._end_rest()
             self._detector.gap(samples)

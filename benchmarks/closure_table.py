@@ -15,13 +15,13 @@ from common import first_still_heading_deg, in_parallel, markdown, simulated, wi
 from session.base.units import DEG
 from session.log.folder import Session, read_session
 from tinygc.closure.build import build_problem
-from tinygc.closure.least_squares import fit_least_squares
+from tinygc.closure.least_squares import Nearby, fit_least_squares
 from tinygc.closure.problem import Problem
 from tinygc.closure.runs import read_closure_runs
 from tinygc.estimation.choice import run_figures
 from tinygc.methods.denoiser import of_problem, train_denoiser
 from tinygc.methods.network import train_second_order
-from tinygc.methods.particle_swarm import fit_pso
+from tinygc.methods.particle_swarm import search
 from tinygc.models.linear import bias_only
 from tinygc.simulation.options import SimulationOptions
 
@@ -75,7 +75,7 @@ def fit_model(name: str, problem: Problem):
     if name == "least_squares":
         return fit_least_squares(batch, sigma, start).model
     if name == "pso":
-        return fit_pso(batch, sigma, start, seed=0)
+        return search(Nearby.about(start, batch), start, sigma, 1.0, seed=0)[0]
     net = train_second_order(batch, sigma).net
     return net if name == "tinygc" else train_denoiser(of_problem(problem), net)
 

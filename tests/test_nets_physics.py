@@ -14,7 +14,7 @@ from session.base import rotation
 from session.base.errors import FitError, FormatError
 from tinygc import models
 from tinygc.closure import residual
-from tinygc.closure.least_squares import LinearEnds, fit_least_squares, vague
+from tinygc.closure.least_squares import LinearEnds, Nearby, fit_least_squares, vague
 from tinygc.methods import denoiser, network, particle_swarm
 from tinygc.models.denoiser import DILATIONS, REACH, SHAPES, WINDOW, DenoisedNet, Denoiser
 from tinygc.models.linear import LinearModel, bias_only
@@ -305,6 +305,10 @@ def test_an_asymmetry_of_scale_is_learnt():
 # The swarm.
 
 
+def swarmed(batch, sigma):
+    return particle_swarm.search(Nearby.about(PERFECT, batch), PERFECT, sigma, 1.0, seed=0, prior=PERFECT)[0]
+
+
 def test_the_swarm_never_ends_above_where_it_started_and_the_same_seed_is_the_same_swarm():
     """The centre is one of the particles; a bottom outside of the box is found."""
 
@@ -330,9 +334,6 @@ def test_on_a_pendulum_the_swarm_leaves_the_start_where_least_squares_holds_hard
     batch = turned_ends(batch, sigma[0] * np.random.default_rng(1).normal(size=(12, 3)))
     held, free = fit_least_squares(batch, sigma, PERFECT), fit_least_squares(batch, sigma, PERFECT, prior=vague(PERFECT.vector))
     assert {"E_xx", "E_zz"} <= set(held.unobserved)
-    swarm, held, free = (
-        np.linalg.norm(angles_by_scipy(batch, model.vector))
-        for model in (particle_swarm.fit_pso(batch, sigma, PERFECT, seed=0, prior=PERFECT), held.model, free.model)
-    )
+    swarm, held, free = (np.linalg.norm(angles_by_scipy(batch, model.vector)) for model in (swarmed(batch, sigma), held.model, free.model))
     assert swarm < 0.9 * held
     assert free == pytest.approx(swarm, rel=1e-3)

@@ -13,7 +13,6 @@ from session.base.units import DEG
 from tinygc.closure import residual
 from tinygc.closure.least_squares import Nearby
 from tinygc.closure.problem import Problem
-from tinygc.closure.residual import Batch
 from tinygc.estimation.held_out import FitInput, held_out, report
 from tinygc.estimation.options import FitOptions, MethodFit
 from tinygc.models.linear import PRIOR_SIGMA, LinearModel
@@ -64,23 +63,6 @@ def minimise(
         if step > PATIENCE and history[-1 - PATIENCE] - history[-1] < TOLERANCE * history[-1]:
             break
     return own[np.argmin(own_cost)]
-
-
-def fit_pso(
-    batch: Batch,
-    sigma: np.ndarray,
-    start: LinearModel,
-    *,
-    seed: int,
-    prior: LinearModel | None = None,
-    progress: Steps = no_report,
-) -> LinearModel:
-    """Find the swarm's best linear model from a box around ``start``.
-
-    prior: model that weakly constrains unobserved parameters, as in least squares; None: no constraint.
-    """
-    how: dict[str, Any] = {"seed": seed, "prior": prior, "progress": progress}
-    return search(Nearby.about(start, batch), start, sigma, 1.0, **how)[0]
 
 
 def search(

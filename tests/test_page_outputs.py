@@ -6,6 +6,7 @@ import importlib.util
 import re
 import shlex
 import shutil
+from functools import cache
 
 import pytest
 from conftest import ROOT
@@ -38,6 +39,7 @@ MEASURED = [
 QUICK = ("firmware.py", "imu_tk_method.py", "rate_steps.py real")
 
 
+@cache
 def constants(path):
     """Texts, and lists of texts, that a Python file holds; names of the module stand for their values."""
     tree, known, texts, lists = ast.parse(path.read_text(encoding="utf-8")), {}, set(), set()
@@ -59,15 +61,18 @@ def constants(path):
     return texts, lists
 
 
+@cache
 def names_of(path):
-    """What a module defines or imports at its top, also under a condition."""
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    """What a module defines or imports at its margin."""
+    tree, names = ast.parse(path.read_text(encoding="utf-8")), set()
+    for node in tree.body:
         if isinstance(node, ast.FunctionDef | ast.ClassDef):
-            yield node.name
-        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
-            yield node.id
+            names.add(node.name)
         elif isinstance(node, ast.ImportFrom | ast.Import):
-            yield from (each.asname or each.name for each in node.names)
+            names |= {each.asname or each.name for each in node.names}
+        else:
+            names |= {each.id for each in ast.walk(node) if isinstance(each, ast.Name) and isinstance(each.ctx, ast.Store)}
+    return names
 
 
 def test_what_benchmarks_import_of_the_product_is_there():
@@ -78,7 +83,7 @@ def test_what_benchmarks_import_of_the_product_is_there():
             if isinstance(node, ast.ImportFrom) and node.module.split(".")[0] in ("session", "tinygc"):
                 folder = ROOT / node.module.replace(".", "/")
                 module = folder.with_suffix(".py") if folder.with_suffix(".py").exists() else folder / "__init__.py"
-                known = set(names_of(module)) | {each.stem for each in folder.glob("*")}
+                known = names_of(module) | {each.stem for each in folder.glob("*")}
                 gone += [f"{path.name}: {node.module}.{each.name}" for each in node.names if each.name not in known]
     assert gone == []
 

@@ -29,7 +29,7 @@ from session.detect.axes import (
     agreement,
     check_gravity_moves,
 )
-from session.detect.check_references import down_of_dials, without_wrong_dials
+from session.detect.check_references import check_dials, down_of_dials, without_wrong_dials
 from session.detect.check_samples import (
     LEAST_DEAD_READINGS,
     SCATTERS,
@@ -374,6 +374,13 @@ def test_up_to_a_quarter_of_the_rows_are_left_out_or_none(exact):
     """Of 13: three."""
     assert left_out(exact, off([1, 5, 9], PITCH, 10.0)) == [1, 5, 9]
     assert left_out(exact, off([1, 4, 7, 10], PITCH, 10.0)) == []
+
+
+@pytest.mark.parametrize(("askew_deg", "level"), [(9.8, "ok"), (10.2, "warning"), (149.8, "warning"), (150.2, "error")])
+def test_dials_may_stand_ten_degrees_askew_and_from_150_on_upside_down(exact, askew_deg, level):
+    session, _, angles = exact
+    session = replace(session, attitudes=(angles + off(slice(None), PITCH, askew_deg)) * DEG)
+    assert [each.level for each in check_dials(session, SessionStills(session))] == [level]
 
 
 def flat_turns(share, seed=4, turns=12, push_g=0.16, odr_hz=83.0):

@@ -127,6 +127,13 @@ def test_a_register_that_comes_round_is_found_without_its_sensor(sound, end, coa
     assert f"comes round at ±{end:.4g} dps" in finding.description
 
 
+def test_a_high_pass_that_takes_next_to_nothing_within_the_log_is_none(sound, monkeypatch):
+    gyro = (high_passed(rates(sound), 0, 1e-4) + ZERO) * DEG
+    assert not found(sound, gyro=gyro)
+    monkeypatch.setattr("session.detect.signatures.LEAST_TAKEN", 0.0)
+    assert [finding.what for finding in found(sound, gyro=gyro)] == ["high-pass"]
+
+
 @pytest.mark.parametrize(("step", "zero"), [(0.5, ZERO), (1.0, 0 * ZERO)])
 def test_a_coarse_register_is_no_dead_band(sound, step, zero):
     assert not found(sound, gyro=np.rint((rates(sound) + zero) / step) * step * DEG)

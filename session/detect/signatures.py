@@ -389,6 +389,8 @@ def _row_of_change(rests: _Rests, at: int, axes: list[int]) -> int:
 
 #: of the scatter of what rests read, that the law leaves; noises of a rest that it must be beyond
 LAW_LEAVES, BEYOND = 0.25, 5.0
+#: of a zero, that a high-pass takes away within the log: a slower one is no high-pass, but turns read for rests
+LEAST_TAKEN = 0.1
 
 
 def _check_high_pass(where: str, rests: _Rests) -> list[Finding]:
@@ -404,7 +406,8 @@ def _check_high_pass(where: str, rests: _Rests) -> list[Finding]:
         slope = float(np.median(change[large, axis] / angle[large, axis]))
         scatter, left = (float(sigma_of(values)) for values in (change[:, axis], change[:, axis] - slope * angle[:, axis]))
         beyond = scatter > BEYOND * rests.noise[axis] / np.sqrt(np.median(lasting))
-        found[axis], tau_s[axis] = beyond and slope < 0 and left < LAW_LEAVES * scatter, -1 / slope if slope else np.inf
+        beyond &= -slope * rests.samples.duration_s > LEAST_TAKEN
+        found[axis], tau_s[axis] = beyond and left < LAW_LEAVES * scatter, -1 / slope if slope else np.inf
     if not found.any():
         return []
     corners = ", ".join(f"{1 / (2 * np.pi * tau):.2g}" for tau in tau_s[found])

@@ -65,7 +65,7 @@ def constants(path):
 def names_of(path):
     """What a module defines or imports at its margin."""
     tree, names = ast.parse(path.read_text(encoding="utf-8")), set()
-    for node in tree.body:
+    for node in [each for part in tree.body for each in ([part] if not isinstance(part, ast.If) else part.body)]:
         if isinstance(node, ast.FunctionDef | ast.ClassDef):
             names.add(node.name)
         elif isinstance(node, ast.ImportFrom | ast.Import):

@@ -30,7 +30,7 @@ class Measured:
     beside: object = None
 
     @property
-    def words(self):
+    def words(self) -> Annotated[str, Key("description")]:
         return f"{self.size:g} {self.unit}"
 
 

@@ -204,7 +204,7 @@ def test_json_has_degrees_and_seconds_of_the_arrays_clock(fitted):
     step = ArrayEvent("knock", 1, 7.5, 3 * DEG, felt=0.9, units=(0, 1))
     assert step.table(begins) == {
         "what": "knock", "unit": 1, "at_s": 5.0, "units": (0, 1), "size_dps": pytest.approx(3.0), "felt_by_others": 0.9,
-        "description": "unit 1 leaps by 3°/s, and the others feel 90 % of it: a knock, no false reading",
+        "description": "unit 1 leaps by 3.00°/s, and the others feel 90 % of it: a knock, no false reading",
     }  # fmt: skip
     split = replace(fit.split)
     vars(split).update(

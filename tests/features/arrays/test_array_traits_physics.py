@@ -217,8 +217,8 @@ def test_units_that_stand_out_together_are_not_blamed(hit):
     one, other = (ArrayEvent("turn", unit, 30.0, size * DEG, 1e-9, 3, 4) for unit, size in ((1, 0.5), (0, 2.0)))
     alone, both = (replace(fit, joint=replace(fit.joint, events=events)) for events in ((one,), (one, other)))
     words, together = (line.plain for each in (alone, both) for line in events_and_left_out(each))
-    assert "unit 1 misses this turn by 0.5° against the other (F test, p < 0.001): its own readings" in words
-    assert "2 of 2 units stand out in this turn, each in its own way (unit 0 by 2°, unit 1 by 0.5°)" in together
+    assert "unit 1 misses this turn by 0.50° against the other (F test, p < 0.001): its own readings" in words
+    assert "2 of 2 units stand out in this turn, each in its own way (unit 0 by 2.0°, unit 1 by 0.50°)" in together
     assert "its own readings" not in together
     assert "together 1.42 × less noise" in as_text(alone.page).splitlines()[0]
     assert [verdict(fit=each) for each in (alone, both)] == ["own", "common"]

@@ -71,7 +71,7 @@ def test_the_name_alone_shows_the_help_and_is_no_success(run):
         (["earth.rotation", "gyro.drift"], None, "not decided", "fit s --latitude DEG"),
         (["earth.rotation"], 48.0, "not decided", "fit s --physics auto"),
         (["gyro.drift", "earth.rotation"], None, "not decided", "fit s --latitude DEG"),
-        ([], None, "down to noise", "report s"),
+        ([], None, "no limit", "report s"),
         ([], None, "pass", "report s"),
         ([], None, "reported", "apply s s -o calibrated.csv\n  or: python calibrate.py export s --to c"),
     ],

@@ -42,7 +42,7 @@ HOLDS, BIAS, FAILS, UNDECIDED = "holds", "holds with a new bias", "does not hold
 KINDS = {
     "pass": Kind("PASS", "bold green"),
     "doubtful pass": Kind("PASS, with doubts", "bold yellow"),
-    "down to noise": Kind("DOWN TO NOISE", "bold green"),
+    "no limit": Kind("DOWN TO NOISE", "bold green"),
     "not decided": Kind("NOT DECIDED", "bold yellow"),
     "fail": Kind("FAIL", "bold red", 1),
     HOLDS: Kind("HOLDS", "bold green"),

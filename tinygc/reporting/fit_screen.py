@@ -62,7 +62,7 @@ def files_line(result: FitResult, folder: Path, decision: Acceptance) -> Text:
     if result.file_to_use is None:
         return one_line(f"do not use the models in {folder}: {result.use.why}", "bold red")
     path = folder / result.file_to_use
-    if decision.answer in ("pass", "doubtful pass", "down to noise") and not missing_of(result):
+    if decision.answer in ("pass", "doubtful pass", "no limit") and not missing_of(result):
         return one_line(f"use {path}", "bold green")
     return one_line(f"best so far: {path}")
 

@@ -166,14 +166,14 @@ class Acceptance:
 
     @property
     def answer(self) -> str:
-        """One of pass, doubtful pass, down to noise, not decided, fail.  A given limit decides; doubts are stated with the result."""
+        """One of pass, doubtful pass, no limit, not decided, fail.  A given limit decides; doubts are stated with the result."""
         if not self.passed:
             return "fail"
         if self.undecided:
             return "not decided"
         if self.doubts:
             return "doubtful pass" if self.by_limit else "not decided"
-        return "pass" if self.by_limit or self.limit_deg is not None or self.conformities else "down to noise"
+        return "pass" if self.by_limit or self.limit_deg is not None or self.conformities else "no limit"
 
     @property
     def word(self) -> str:
@@ -297,7 +297,8 @@ def decide(
         undecided.append(f"{held_out}, limit {significant(limit, 2)}°{more}")
     closure = f"{held_out} (noise {degrees(tilt / times)})" if limit is None else f"{held_out} (limit {significant(limit, 2)}°)"
     if len(files):
-        closure += f", closure run{'s' * (len(files) > 1)} to {degrees(max(map(rms_of, candidate.run_errors)))}"
+        run = ("run" if limit is None else "closure run") + "s" * (len(files) > 1)
+        closure += f", {run} to {degrees(max(map(rms_of, candidate.run_errors)))}"
     found = [*_doubts(candidate, times, accelerometer), *doubts]
     if not segments and promise is not None and promise.noisier:
         found.append(f"noisier than {promise.source}: {promise.noisier}")
@@ -305,7 +306,7 @@ def decide(
     undecided += [text for met, text in by_chance if met is None]
     passed = all(met is not False for met, _ in reasons)
     if passed and limit is None and not (decided or undecided or found):
-        rule += " PASS needs a limit: --sensor NAME or --limit DEG."
+        rule += " PASS needs --limit DEG."
     return Acceptance(passed, rule, reasons, found, bool(segments), closure, decided, undecided, unsound, limit, source, tuple(tests))
 
 

@@ -272,7 +272,7 @@ def test_sessions_have_an_order_and_a_named_effect_is_offered_to_the_units_other
 
 
 def test_a_page_is_escaped_and_counts_by_the_verdicts(tmp_path):
-    answers = ("pass", "not decided", "fail", "doubtful pass", "down to noise")
+    answers = ("pass", "not decided", "fail", "doubtful pass", "no limit")
     with open_table(tmp_path) as table:
         for n in range(100):
             told = {"status": "failed", "step": "check", "error": f"log{n}.csv: {n} rows {HOSTILE}"}

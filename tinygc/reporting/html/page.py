@@ -28,7 +28,7 @@ def summary(evidence: ReportData) -> dict:
     return {
         "schema": SCHEMA,
         "session": evidence.fit.session.name,
-        "passed": None if decision.answer in ("not decided", "down to noise") else decision.passed,
+        "passed": None if decision.answer in ("not decided", "no limit") else decision.passed,
         "answer": decision.answer,
         "doubts": decision.doubts,
         "rule": decision.rule,

@@ -39,7 +39,7 @@ def section(evidence: ReportData) -> Section:
     html = render(
         "answer.html",
         e=evidence,
-        kind={"pass": "good", "down to noise": "good", "fail": "bad"}.get(evidence.decision.answer, "raw"),
+        kind={"pass": "good", "no limit": "good", "fail": "bad"}.get(evidence.decision.answer, "raw"),
         **segments,
         run=run,
         closes=agrees(adopted.closure_p),

@@ -57,9 +57,9 @@ def check_gravity_sign(problem: Problem) -> list[Finding]:
         return []
     text = (
         f"the stills turn about down by {rate / DEG_PER_HOUR:+.1f} ± {sigma / DEG_PER_HOUR:.1f}°/h, the Earth by "
-        f"{expected / DEG_PER_HOUR:+.1f}°/h at latitude {latitude_deg:g}°: as if gravity were upside down"
+        f"{expected / DEG_PER_HOUR:+.1f}°/h at latitude {latitude_deg:g}°: the wrong way round"
     )
-    do = "negate all axes of the accelerometer if the one that points up reads -1 g; or is site.latitude_deg wrong? is it g-sensitivity?"
+    do = "is site.latitude_deg right (south is negative)? negate all axes of the accelerometer if the one that points up reads -1 g"
     where = session.logs[0].path.name if len(session.logs) == 1 else session.name
     return [Finding("warning", where, GRAVITY_SIGN, text, do)]
 

@@ -131,11 +131,11 @@ def test_the_earth_tells_an_accelerometer_that_is_upside_down():
     for tried, advice in (
         (session, None),
         (replace(session, logs=logs, config=negated), "negate all axes of the accelerometer if the one that points up reads -1 g"),
-        (replace(session, config=south), "is site.latitude_deg wrong?"),
+        (replace(session, config=south), "is site.latitude_deg right (south is negative)?"),
     ):
         said = [finding for finding in prepare(tried).warnings if finding.what == "gravity's sign"]
         assert len(said) == (advice is not None)
-        assert all(advice in finding.do and "as if gravity were upside down" in finding.description for finding in said)
+        assert all(advice in finding.do and "the wrong way round" in finding.description for finding in said)
 
 
 # Arrays, and session.toml.

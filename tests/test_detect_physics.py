@@ -3,6 +3,7 @@
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,7 +14,9 @@ from scipy.integrate import quad
 from scipy.spatial.transform import Rotation
 from scipy.stats import norm
 
+from session.base import rotation
 from session.base.rotation import angle_between
+from session.detect import dials
 from session.detect.axes import (
     _SIGNED_PERMUTATIONS,
     IDENTITY,
@@ -29,7 +32,7 @@ from session.detect.axes import (
     agreement,
     check_gravity_moves,
 )
-from session.detect.check_references import check_dials, down_of_dials, without_wrong_dials
+from session.detect.check_references import check_dials
 from session.detect.check_samples import (
     LEAST_DEAD_READINGS,
     SCATTERS,
@@ -42,8 +45,9 @@ from session.detect.check_samples import (
     check_stamps,
     find_ceiling,
 )
+from session.detect.dials import without_wrong_dials
 from session.detect.events import clips, plateau, run_bar
-from session.detect.segments import session_segments
+from session.detect.segments import APART_RAD, APART_SHARE, session_segments
 from session.detect.stills import SessionStills, find_stills
 from session.log.logfile import Log
 from session.log.samples import Samples
@@ -327,14 +331,52 @@ def test_rotations_of_dials_are_those_of_scipy():
     rng = np.random.default_rng(1)
     angles = rng.uniform(-1.5, 1.5, size=(20, 3))
     of = Rotation.from_euler("ZYX", angles[:, ::-1])
-    assert down_of_dials(angles) == pytest.approx(of.inv().apply([0, 0, 1.0]))
+    assert dials.down_of_dials(angles) == pytest.approx(of.inv().apply([0, 0, 1.0]))
     assert angle_between(np.eye(3), np.eye(3)[[0, 2, 1]]) == pytest.approx([0, np.pi / 2, np.pi / 2])
+
+
+def test_parts_of_a_segment_are_equal_in_time_without_the_line_between_its_stills():
+    rate, first, last = np.array([0.3, -0.2, 0.1]), np.array([0.01, 0.02, 0.03]), np.array([-0.02, 0.0, 0.05])
+    t_s = np.sort(np.append(np.random.default_rng(0).uniform(0, 4, 99), [0, 4]))
+    drifting = first + t_s[:, None] / 4 * (last - first)
+    samples = Samples(np.rint(t_s * 1e9).astype(np.int64), rate + drifting, np.zeros((101, 3)), None)
+    segment = SimpleNamespace(start=0, stop=101, stills=(SimpleNamespace(gyro_mean=first), SimpleNamespace(gyro_mean=last)))
+    assert_allclose(dials._blocks(samples, segment), np.tile(rate * 4 / dials.BLOCKS, (dials.BLOCKS, 1)), rtol=1e-6)
+
+
+def test_what_dials_miss_is_beside_scale_and_mounting_and_one_turn_has_no_say():
+    """Of 12 turns, of a gyroscope of scales and a mounting within their priors; the last dial is off by 10°."""
+    rng = np.random.default_rng(1)
+    turn, whole = rng.normal(size=(12, 5, 3)) * 0.3, Rotation.identity(12)
+    for part in range(5):
+        whole = whole * Rotation.from_rotvec(turn[:, part])
+    first, mounting = Rotation.random(12, random_state=1), Rotation.from_rotvec([6e-3, -4e-3, 1e-2])
+    of = [(each * mounting).as_quat(scalar_first=True) for each in (first, first * whole)]
+    read = np.repeat(turn / 40, 40, axis=1) / [1.005, 0.996, 1.002]
+    missed, usual = dials._missed(read, *of, 1e-4)
+    assert missed.max() < 5e-4
+    assert usual == pytest.approx(np.median(missed))
+    of[1][-1] = rotation.multiply(of[1][-1], rotation.exp(np.array([0, 10 * DEG, 0])))
+    missed, _ = dials._missed(read, *of, 1e-4)
+    assert missed[-1] == pytest.approx(10 * DEG, rel=0.05)
+    assert missed[:-1].max() < 1e-3
+
+
+def test_the_scale_of_turns_is_held_by_its_prior_of_five_per_cent():
+    """Five turns about x, of 1 rad by the gyroscope and 1.1 by the dials: weights are Cauchy's, by the median of three normal errors."""
+    identity = np.tile([1.0, 0, 0, 0], (5, 1))
+    missed, _ = dials._missed(np.full((5, 100, 3), 0.01) * [1, 0, 0], identity, np.tile(rotation.exp(np.array([1.1, 0, 0])), (5, 1)), 0.04)
+    left = 0.1
+    for _ in range(30):
+        weight = 1 / (max(left / 1.5382, 0.04) ** 2 + left**2)
+        left = 0.1 * (1 - 5 * weight / (5 * weight + 0.05**-2))
+    assert missed == pytest.approx(np.full(5, left), rel=1e-6)
 
 
 TURNS, DIAL_DEG = 12, 0.6
 
 
-PITCH = 1
+PITCH, YAW = 1, 2
 
 
 @pytest.fixture(scope="module")
@@ -350,11 +392,12 @@ def exact():
 
 
 def left_out(exact, off_deg):
-    """Numbers of the rows that are left out of dial readings that are off by (13, 3) degrees."""
+    """Numbers of the rows, and of the turns, that are left out of dial readings that are off by (13, 3) degrees."""
     session, parts, angles = exact
-    session, _ = without_wrong_dials(replace(session, attitudes=(angles + off_deg) * DEG), parts[0].stills)
+    session, parts, _ = without_wrong_dials(replace(session, attitudes=(angles + off_deg) * DEG), parts)
     assert session.attitudes is not None
-    return np.flatnonzero(np.isnan(session.attitudes).any(axis=1)).tolist()
+    turns = [segment.number for segment in parts[0].segments if not segment.accepted]
+    return np.flatnonzero(np.isnan(session.attitudes).any(axis=1)).tolist(), turns
 
 
 def off(rows, column, by):
@@ -366,14 +409,29 @@ def off(rows, column, by):
 def test_the_bar_of_a_row_against_gravity(exact):
     """Of 13 rows chance alone takes one out once in 1000 sessions, if each is off by the declared error."""
     bar = DIAL_DEG * np.sqrt(2 * np.log(13 / 1e-3))
-    assert left_out(exact, off(4, PITCH, 0.98 * bar)) == []
-    assert left_out(exact, off(4, PITCH, 1.02 * bar)) == [4]
+    assert left_out(exact, off(4, PITCH, 0.98 * bar)) == ([], [])
+    assert left_out(exact, off(4, PITCH, 1.02 * bar)) == ([4], [])
 
 
 def test_up_to_a_quarter_of_the_rows_are_left_out_or_none(exact):
     """Of 13: three."""
-    assert left_out(exact, off([1, 5, 9], PITCH, 10.0)) == [1, 5, 9]
-    assert left_out(exact, off([1, 4, 7, 10], PITCH, 10.0)) == []
+    assert left_out(exact, off([1, 5, 9], PITCH, 10.0)) == ([1, 5, 9], [])
+    assert left_out(exact, off([1, 4, 7, 10], PITCH, 10.0)) == ([], [])
+
+
+def test_the_bar_of_a_turn_that_dials_miss(exact):
+    """Two dials err in a turn; a sigma more, since three components are off together.  Turns on both sides of the row miss it."""
+    bar = np.sqrt(2) * DIAL_DEG * (np.sqrt(2 * np.log(12 / 1e-3)) + 1)
+    assert left_out(exact, off(7, YAW, 0.95 * bar)) == ([], [])
+    assert left_out(exact, off(7, YAW, 1.07 * bar)) == ([7], [])
+
+
+def test_a_turn_alone_is_missed_by_a_movement_of_its_own(exact):
+    """From the next row on, all dials agree again."""
+    turn = exact[1][0].segments[6]
+    bar = APART_RAD / DEG + APART_SHARE * turn.turn_deg
+    assert left_out(exact, off(slice(7, None), YAW, 0.95 * bar)) == ([], [])
+    assert left_out(exact, off(slice(7, None), YAW, 1.07 * bar)) == ([], [6])
 
 
 @pytest.mark.parametrize(("askew_deg", "level"), [(9.8, "ok"), (10.2, "warning"), (149.8, "warning"), (150.2, "error")])

@@ -40,9 +40,10 @@ def typo(row, column, by):
     [
         (lambda angles: angles, []),
         (typo(4, 1, 10.0), [4]),
+        (typo(0, 2, 90.0), [0]),
         (lambda angles: angles[[0, 1, 2, 3, 4, 5, 7, 6, *range(8, TURNS + 1)]], [6, 7]),
     ],
-    ids=["none", "pitch", "exchanged"],
+    ids=["none", "pitch", "yaw of the first", "exchanged"],
 )
 def test_a_wrong_row_is_named_and_left_out_in_check_and_fit(spoil, rows, dialled):
     session = replace(dialled, attitudes=spoil(dialled.attitudes))

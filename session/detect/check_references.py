@@ -11,61 +11,21 @@ from session.base.rotation import angle_between
 from session.base.texts import significant
 from session.base.units import DEG, MG
 from session.detect.accelerometer import SCALES, LengthFit, ZeroDrift, fit_lengths, force_of, times_of, why_not
+from session.detect.dials import down_of_dials
 from session.detect.findings import Finding
 from session.detect.segments import FoundTurn, LogSegments, angle_read, contradiction
-from session.detect.stills import SessionStills, Still, references
+from session.detect.stills import SessionStills, references
 from session.log.config import Sensor
 from session.log.folder import ATTITUDES, Session
 from session.log.logfile import NAME
 
 # Dial readings against gravity: both show which way is down in the sensor.
 
-DIALS, DIAL_ROW = "dials against gravity", "dial reading"
+DIALS = "dials against gravity"
 #: a table that stands askew, or a sensor screwed on askew, by more is another convention of angles
 ASKEW_DEG = 10.0
 #: from there on, down is up
 UPSIDE_DOWN_DEG = 150.0
-#: the median of the length of two normal errors, in their standard deviations
-MEDIAN_OF_2 = 1.1774
-#: probability that chance alone takes a row out of a session
-BY_CHANCE = 1e-3
-#: fewer show nothing of a usual row; more wrong rows than this share are another convention of angles, or another numbering
-FEWEST, MOST_WRONG = 5, 0.25
-
-
-def down_of_dials(angles: np.ndarray) -> np.ndarray:
-    """(…, 3) unit: down in the sensor, of roll, pitch, yaw (…, 3) rad."""
-    roll, pitch, _ = np.moveaxis(angles, -1, 0)
-    return np.stack([-np.sin(pitch), np.cos(pitch) * np.sin(roll), np.cos(pitch) * np.cos(roll)], axis=-1)
-
-
-def without_wrong_dials(session: Session, stills: Sequence[Still]) -> tuple[Session, list[Finding]]:
-    """A session without the dial readings that gravity contradicts, and what to report of each; stills: over all logs.
-
-    A row typed wrongly, or exchanged with another, is off by degrees, the others by hundredths: one that is beyond what the others are
-    usually off by is left out.  Where many are, the session is returned as it is: ``check_dials`` reports it.
-    """
-    table, protocol = session.attitudes, session.config.protocol
-    if table is None or protocol.reference != "table" or session.reference is not None:
-        return session, []
-    rows = [i for i, still in enumerate(stills[: len(table)]) if np.isfinite(table[i]).all() and still.problem is None]
-    if len(rows) < FEWEST:
-        return session, []
-    apart = angle_between(down_of_dials(table[rows]), np.array([-stills[i].accel_mean for i in rows]))
-    usual = float(np.median(apart))
-    limit = max(usual / MEDIAN_OF_2, protocol.dial_sigma_deg * DEG) * np.sqrt(2 * np.log(len(rows) / BY_CHANCE))
-    wrong = np.flatnonzero(apart > limit).tolist()
-    if len(wrong) > max(2, MOST_WRONG * len(stills)):
-        return session, []
-    table, findings = table.copy(), []
-    for number in wrong:
-        still = rows[number]
-        table[still] = np.nan
-        line = session.attitude_lines[still] if still < len(session.attitude_lines) else None
-        where = ATTITUDES if line is None else f"{ATTITUDES} line {line}"
-        off = f"its down differs from gravity's by {apart[number] / DEG:.2f}° (the usual row by {usual / DEG:.2f}°)"
-        findings.append(Finding("warning", where, DIAL_ROW, f"still {still}: {off}: left out", "correct or remove that row"))
-    return replace(session, attitudes=table), findings
 
 
 def check_dials(session: Session, found: SessionStills) -> list[Finding]:

@@ -16,7 +16,7 @@ from session.base.errors import CalibrationError
 from session.base.names import CLOCKS, is_special, log_paths
 from session.base.units import NS
 from session.detect.axes import check_axes, check_gravity_moves
-from session.detect.check_references import check_dials, check_known_turns, with_own_accelerometer, without_wrong_dials
+from session.detect.check_references import check_dials, check_known_turns, with_own_accelerometer
 from session.detect.check_samples import (
     Ceiling,
     ceiling_finding,
@@ -48,6 +48,7 @@ from session.detect.check_stills import (
     check_zero_rate,
 )
 from session.detect.check_time import check_length, check_rate, check_rate_changes, check_undersampling
+from session.detect.dials import without_wrong_dials
 from session.detect.findings import Finding, as_arguments, unreadable, worst
 from session.detect.segments import FEWEST_SEGMENTS, Ends, Segment, cut_segments, known_turns, moments_of, session_segments
 from session.detect.signatures import FILTER, check_signatures, explains_others
@@ -199,7 +200,7 @@ def check_session(session: Session, found: SessionStills | None = None) -> list[
     whole = with_bridges(session)
     there, config = SessionStills(whole, found), session.config
     parts = [] if session.reference is not None else session_segments(whole, there)
-    whole, dials = without_wrong_dials(whole, [still for part in parts for still in part.stills])
+    whole, parts, dials = without_wrong_dials(whole, parts)
     session = replace(session, attitudes=whole.attitudes)
     known = known_turns(whole, parts)
     counted = [] if session.reference is not None else check_turns(session.name, parts, known, config.protocol.still_s)

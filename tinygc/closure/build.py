@@ -16,7 +16,7 @@ from session.base.rotation import angle_between
 from session.base.texts import command_line
 from session.base.units import DEG, EARTH_RATE_RPS, NS
 from session.detect.accelerometer import times_of
-from session.detect.check_references import without_wrong_dials
+from session.detect.dials import without_wrong_dials
 from session.detect.events import Impact, find_impacts
 from session.detect.segments import FEWEST_SEGMENTS, FoundTurn, Segment, known_turns, session_segments, why_too_few
 from session.detect.stamp_errors import stamp_errors
@@ -332,8 +332,7 @@ def _stills_and_segments(
     clipped: Collection[int],
     progress: Reporter,
 ) -> tuple[Session, list[StillSet], list[Segment]]:
-    parts = session_segments(session, found, moving, progress)
-    session, _ = without_wrong_dials(session, [still for part in parts for still in part.stills])
+    session, parts, _ = without_wrong_dials(session, session_segments(session, found, moving, progress))
     logs = [
         StillSet.of(part.found.samples, part.stills, part.found.noise, part.log.bridges) for part in parts if part.found.noise is not None
     ]

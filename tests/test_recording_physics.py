@@ -441,6 +441,17 @@ def test_a_raw_file_that_was_cut_is_noticed_and_what_is_gone_decides_nothing(tmp
     assert not cut_words(raw.path)
 
 
+def test_a_recording_that_noted_another_boards_samples_is_refused(tmp_path):
+    """By what once sorted them out; a note behind a cut is void."""
+    (tmp_path / "raw.bin").write_bytes(b"#\n")
+    times = "host_ns,bytes,event\n1,0,open A\n2,9,foreign 1\n"
+    (tmp_path / "raw.times").write_text(times)
+    with pytest.raises(FormatError, match=r"raw\.times: notes \(\"foreign\"\).*another board.*into another folder"):
+        read_events(tmp_path / "raw.bin")
+    (tmp_path / "raw.times").write_text(times + "3,2,cut\n")
+    assert [mark.event for mark in read_events(tmp_path / "raw.bin")] == ["open A"]
+
+
 def test_a_disk_that_fails_is_said_and_one_without_locks_records(tmp_path, monkeypatch):
     """Full from the start it leaves no folder behind; or it says only when the bytes are forced to it that it cannot keep them."""
 

@@ -304,12 +304,15 @@ def read_marks(raw_path: Path, last: int | None = None) -> Iterator[Mark]:
 
 
 def read_events(raw_path: Path) -> list[Mark]:
-    """The marks that are events.  FormatError for more than ``MOST_EVENTS``."""
+    """The marks that are events.  FormatError for more than ``MOST_EVENTS``, and where another board's samples were noted, as once was."""
     events: list[Mark] = []
     for number, mark in enumerate(mark for mark in read_marks(raw_path) if mark.event):
         if number >= MOST_EVENTS:
             raise FormatError(f"{raw_path.with_suffix('.times')}: more than {MOST_EVENTS} events; is it this tool's?")
         events = [each for each in events if each.offset <= mark.offset] if mark.event == CUT else [*events, mark]
+    if any(mark.event.startswith("foreign ") for mark in events):
+        what = f'{raw_path.with_suffix(".times")}: notes ("foreign") that {raw_path.name} holds samples of another board, too'
+        raise FormatError(f"{what}; this folder's log*.csv do not: use them as they are, and record on into another folder")
     return sorted(events, key=lambda mark: mark.offset)
 
 

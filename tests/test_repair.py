@@ -11,7 +11,8 @@ from conftest import DEG, SESSION_TOML, Table, write_session
 from formats_page import strangers
 
 from session.base.errors import CalibrationError, FitError
-from session.detect.repair import repair
+from session.detect.findings import Correction
+from session.detect.repair import _columns, repair
 from tinygc import read_session
 from tinygc.closure.build import build_problem
 
@@ -151,6 +152,11 @@ def test_closure_runs_packed_logs_comments_and_settings_follow_and_nothing_else_
     expected = toml.replace("250", "500").splitlines()
     assert (tmp_path / "copy" / "session.toml").read_text().splitlines()[: len(expected)] == expected
     assert session.config.notes["repaired2"].startswith("the rates are 0.5 times the true ones")
+
+
+def test_a_register_at_its_lowest_end_turns_into_the_highest_which_is_one_less():
+    names, write = _columns(["gx", "gy", "gz"], Correction("", "gyro", axes=((-1, 0, 0), (0, 1, 0), (0, 0, 1))), [])
+    assert (names, [write([x, "5", "6"])[0] for x in ("-32768", "-32767", "-32766")]) == (["gx", "gy", "gz"], ["32767", "32767", "32766"])
 
 
 def test_an_axis_that_turns_against_itself_is_an_error_of_the_fit(tmp_path):

@@ -12,7 +12,7 @@ from processes import as_it_stands
 import tinygc
 from session.base.errors import CalibrationError
 from session.detect.findings import Finding, worst
-from session.detect.first_look import check_folder, check_session
+from session.detect.first_look import check_folder, check_session, first_look
 from session.log.config import Accelerometer, LeftOut
 
 RATES = {1.0: "give sensor.gyro_noise_mdps_rthz", 1 / DEG: "are these rates in dps?", DEG: "are these rates in rad/s?"}
@@ -136,6 +136,13 @@ def test_a_log_is_held_against_what_is_declared(short, settings, comments, what,
     findings = look(with_sensor(short, **settings), log=replace(short.logs[0], comments=comments))
     finding = of(findings, what)
     assert (finding.level, words in f"{finding.description} {finding.do}") == (level, True), finding.line
+
+
+def test_a_log_of_another_sensor_is_refused_among_those_of_the_stated_one(short):
+    mine, other = (replace(short.logs[0], comments={"serial": serial}) for serial in ("A", "B"))
+    for logs, level in (((mine, other), "error"), ((other,), "warning")):
+        session = replace(with_sensor(short, serial="A"), logs=logs)
+        assert of(first_look(session, other, [], None), "serial").level == level
 
 
 def test_a_rate_that_the_board_states_is_held_against_the_stamps(short):

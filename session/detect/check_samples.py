@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from itertools import combinations, pairwise
@@ -33,8 +33,8 @@ LOST_SHARE = 0.001  #: of single samples; more is a fault of the logger that wil
 STUCK = "look at the wiring, the register map, the columns; or is it quantisation, a full scale or a unit whose steps hide its noise?"
 
 
-def check_comments(log: Log, sensor: Sensor) -> list[Finding]:
-    """The log's own ``gyro_fs_dps=``, ``accel_fs_g=``, ``serial=`` against session.toml.
+def check_comments(log: Log, sensor: Sensor, serials: Container[str] = ()) -> list[Finding]:
+    """The log's own ``gyro_fs_dps=``, ``accel_fs_g=``, ``serial=`` against session.toml; serials: those of all logs.
 
     Registers times the wrong sensitivity are wrong by the ratio of the full scales: nothing in a fit can repair the units.
     """
@@ -48,7 +48,8 @@ def check_comments(log: Log, sensor: Sensor) -> list[Finding]:
     serial = log.comments.get("serial")
     if serial and sensor.serial and serial != sensor.serial:
         text = f"the log is of sensor {serial}, session.toml has {sensor.serial}"
-        findings.append(Finding("warning", log.path.name, "serial", text, "keep one folder per sensor"))
+        level = "error" if sensor.serial in serials else "warning"  # of one sensor alone, it may have been named otherwise by hand
+        findings.append(Finding(level, log.path.name, "serial", text, "move it out: keep one folder per sensor"))
     return findings
 
 

@@ -94,7 +94,7 @@ def first_look(
             else Finding("note", where, "reading", note)  # what the reader repaired or left out
             for note in log.notes
         ),
-        *check_comments(log, config.sensor),
+        *check_comments(log, config.sensor, [each.comments.get("serial", "") for each in session.logs]),
         *check_rate(log, config.sensor),
         *check_stamps(log, noise, config.protocol.segment_s),
     ]

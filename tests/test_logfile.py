@@ -271,6 +271,7 @@ REFUSED = [
     (text_of().replace(",", ";"), "line 1: separated by semicolons; expected commas"),
     (text_of().upper(), "(is 'T_US' meant as 't_us'?)"),
     (b"\x7fELF\0\0\0" * 40, "not a text log (UTF-16 or binary)"),
+    (b"H Product:Blackbox flight data recorder\nI\0\1\n" * 40, "export it with Betaflight's blackbox_decode"),
     (row("Boot v1.2 0x6B ok", 4), "line 4: 1 columns"),
     (row('"1004808",1,2,3,4,5,6,7'), "line 3: t_us is '\"1004808\"', expected a whole number"),
     (

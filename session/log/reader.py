@@ -164,7 +164,8 @@ class Reader:
             file.give_back(lines)
             self._stream = file
         if "\0" in "\n".join(lines[:TEXT_BEGINS])[:TEXT_BEGINS]:
-            raise FormatError(f"{self.path.name}: not a text log (UTF-16 or binary); expected CSV in UTF-8: export it with its own program")
+            program = "Betaflight's blackbox_decode" if lines[0].startswith("H Product:Blackbox") else "its own program"
+            raise FormatError(f"{self.path.name}: not a text log (UTF-16 or binary); expected CSV in UTF-8: export it with {program}")
         first = first_of_content(lines)
         return [line if line.strip(EMPTY) else "" for line in (lines if first is None or most is None else lines[: first + most])]
 

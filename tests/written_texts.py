@@ -368,6 +368,15 @@ def hexadecimal(s):
     return file("hex.csv", "millis,gx,gy,gz,ax,ay,az\n", lines(us(s) / 1e3, *[[f"0x{v:04X}" for v in c] for c in raw.T.tolist()], digits=3))
 
 
+def packed(s):
+    """The burst of an MPU-6050 from register 0x3B, big-endian: ax ay az temperature gx gy gz."""
+    raw = registers(s)
+    order = np.column_stack([raw[:, 3:], np.zeros(len(s), dtype=int), raw[:, :3]]) & 0xFFFF
+    return file(
+        "burst.txt", "".join(f"{t},{''.join(f'{v:04X}' for v in row)}\n" for t, row in zip(us(s).tolist(), order.tolist(), strict=True))
+    )
+
+
 def two_headers(s):
     head = "Time;Gyroscope;;;Accelerometer;;\n[s];x;y;z;x;y;z\n"
     return file("TStick.csv", head, lines(s.t_ns * 1e-9, *rps(s), *mps2(s), delimiter=";"))
@@ -472,6 +481,7 @@ TEXTS = {
     "VectorNav, $VNYMR": Text(vectornav("VNYMR", 3), ("--odr", "104"), exact_s=1e-5),
     "VectorNav, $VNIMU": Text(vectornav("VNIMU", 0, 2), ("--odr", "104"), exact_s=1e-5),
     "hexadecimal registers": Text(hexadecimal, MPU, **STEPS),
+    "packed hexadecimal": Text(packed, ("--packed", "mpu", "--time-unit", "us", *MPU), **STEPS),
     "two lines of names": Text(two_headers, ("--gyro-unit", "rad/s", "--accel-unit", "m/s2")),
     "units below the names": Text(units_below),
     "usual names": Text(usual_names, ("--gyro-unit", "dps", "--accel-unit", "g")),

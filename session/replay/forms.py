@@ -58,16 +58,19 @@ class TextForm:
         return TORN if torn else ""
 
 
-def form_of(lines: list[str], name: str) -> TextForm | None:
-    """The form of a log that begins with these lines; None where it is a table already."""
+def form_of(lines: list[str], packed: str | None, name: str) -> TextForm | None:
+    """The form of a log that begins with these lines; None where it is a table already.
+
+    packed: what is known of registers that are written as one hexadecimal word.  FormatError where they are, and it is not known.
+    """
     some = [line for line in lines if line.strip()][:LOOKED_AT]
     if sum(MONITOR.match(line) is not None for line in some) > SHARE * len(some):
         without = [bare for line in some if (bare := MONITOR.sub("", line)).strip()]
-        return _Monitor(form_of(without, name), without)
+        return _Monitor(form_of(without, packed, name), without)
     for kind in (_Sentences, _JsonLines, _Labelled, _Pairs):
         if (form := kind.found(some, name)) is not None:
             return form
-    return _hexadecimal(some)
+    return _packed(some, packed, name) or _hexadecimal(some)
 
 
 # The clock that a serial monitor puts before each line: ``12:30:01.123 -> 1,2,3`` of the Arduino IDE, ``12:30:01.123 > `` of PlatformIO,
@@ -392,7 +395,7 @@ class Number(str):
     __slots__ = ()
 
 
-# Registers in hexadecimal, in cells of their own.
+# Registers in hexadecimal: cells of their own, or one word a sample.
 
 FOUR = re.compile(r"[0-9A-Fa-f]{4}")
 PREFIXED = re.compile(r"(?<![\w.])0[xX]([0-9A-Fa-f]+)(?![\w.])")
@@ -442,10 +445,71 @@ def _is_stamp(cells: list[str]) -> bool:
     return all(cell.isdigit() and cell[0] != "0" for cell in cells) and all(int(a) < int(b) for a, b in pairwise(cells))
 
 
+#: what a sensor's burst of registers holds, and which byte of a register comes first
+PRESETS = {
+    "st": ("little", ("gx", "gy", "gz", "ax", "ay", "az")),
+    "st-temp": ("little", ("temp", "gx", "gy", "gz", "ax", "ay", "az")),
+    "mpu": ("big", ("ax", "ay", "az", "temp", "gx", "gy", "gz")),
+    "icm42688": ("big", ("temp", "ax", "ay", "az", "gx", "gy", "gz")),
+}
+FIELDS = ("gx", "gy", "gz", "ax", "ay", "az", "temp", "-")
+EXPECTED_PACKED = f"expected {', '.join(PRESETS)}, or the order by hand: little:gx,gy,gz,ax,ay,az or big:ax,ay,az,temp,gx,gy,gz (- skips)"
+WORD = re.compile(r"(?<![\w.])(?:0x)?((?:[0-9A-Fa-f]{4}){6,16})(?![\w.])")
+
+
+class _Packed(TextForm):
+    name = "registers, packed in hexadecimal"
+
+    def __init__(self, order: str, fields: tuple[str, ...], stamped: bool):
+        self._order, self._fields, self._stamped, self._begun = order, fields, stamped, False
+        self.header = ",".join((*(["time"] if stamped else []), *(field for field in fields if field != "-")))
+
+    def row(self, line: str) -> str:
+        """Of the word's registers."""
+        match = WORD.search(line)
+        if match is None or len(match[1]) != 4 * len(self._fields):
+            return self._no_row(line, match is not None or (self._begun and bool(line.strip()) and not line.lstrip().startswith("#")))
+        self._begun = True
+        data = bytes.fromhex(match[1])
+        values = [int.from_bytes(data[at : at + 2], self._order, signed=True) for at in range(0, len(data), 2)]  # type: ignore[arg-type]
+        kept = [str(value) for value, field in zip(values, self._fields, strict=True) if field != "-"]
+        return ",".join((*([re.split(r"[,;\s]", line.strip())[0]] if self._stamped else []), *kept))
+
+
+def _packed(lines: list[str], stated: str | None, name: str) -> _Packed | None:
+    words = [match[1] for line in lines if (match := WORD.search(line)) is not None]
+    words = [word for word in words if not word.isdigit()]
+    if len(words) <= SHARE * len(lines) or not words:
+        if stated:
+            raise FormatError(f"{name}: --packed is {stated!r}, but its lines hold no words of hexadecimal registers; leave it out")
+        return None
+    registers = len(words[0]) // 4
+    if stated is None:
+        what = f"{registers} registers a line, packed in hexadecimal, and it does not state their order"
+        raise FormatError(f"{name}: {what}; give --packed, {EXPECTED_PACKED}")
+    order, fields = _fields(stated)
+    if len(fields) != registers:
+        raise FormatError(f"{name}: {registers} registers a line, but --packed {stated} has {len(fields)}; {EXPECTED_PACKED}")
+    stamped = sum(re.match(rf"\s*{NUMBER}[,;\s]", line) is not None for line in lines) > SHARE * len(lines)
+    return _Packed(order, fields, stamped)
+
+
+def _fields(stated: str) -> tuple[str, tuple[str, ...]]:
+    if stated in PRESETS:
+        return PRESETS[stated]
+    order, colon, listed = stated.partition(":")
+    fields = tuple(field.strip() for field in listed.split(","))
+    known = order in ("little", "big") and colon and all(field in FIELDS for field in fields)
+    if not known or any(fields.count(field) != 1 for field in FIELDS[:6]):
+        raise FormatError(f"--packed is {stated[:60]!r}; {EXPECTED_PACKED}")
+    return order, fields
+
+
 #: of each form: what begins such a log
 EXAMPLES = {
     _Pairs.name: "t:1000 ax:12 ay:-7 az:4096 gx:3 gy:0 gz:-2",
     _JsonLines.name: '{"t_ms": 1000, "gyro": [0.1, 0.2, 0.3], "accel": [0.0, 0.0, 9.8]}',
     "sentences": "$VNYMR,+100.000,-006.000,…,+00.000123*5A",
     _Hexadecimal.name: "1000,0x000C,0xFFF9,0x1000,0x0003,0x0000,0xFFFE",
+    _Packed.name: "1000,0C00F9FF00100300000000FE   (--packed st)",
 }

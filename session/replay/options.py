@@ -33,6 +33,14 @@ class Answers(Record):
     lines: str | None = option(
         None, "the rows that are meant, by their lines: 1-2991", metavar="FIRST-LAST", example="'1-2991'", group=GROUP, rare=True
     )
+    packed: str | None = option(
+        None,
+        "of registers in one hexadecimal word: st, mpu, or big:ax,ay,az,temp,gx,gy,gz",
+        metavar="ORDER",
+        example="'st'",
+        group=GROUP,
+        rare=True,
+    )
     topic: str | None = option(None, "of a binary log that holds several; or two, GYROSCOPE,ACCELEROMETER", group=GROUP, rare=True)
     like: str | None = option(None, "take it for this program's log (`import --list` names them)", metavar="PROGRAM", group=GROUP)
     rows: str | None = option(

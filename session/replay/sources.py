@@ -281,7 +281,7 @@ class StreamSource:
 
 
 def _streams(path: Path, reader: Messages | Tables, answers: Answers) -> Iterator[StreamSource]:
-    for option in ("rows", "where", "lines"):
+    for option in ("rows", "where", "lines", "packed"):
         if getattr(answers, option) is not None:
             raise FormatError(f"{path.name} ({reader.name}): --{option} is of a text log; leave it out")
     with current().again():

@@ -52,7 +52,7 @@ class TableReader(Reader):
             self.notes.append(f"rows {kinds[0]} are taken: those that hold a gyroscope")
         if not any(line.strip() for line in head):
             raise self._empty()
-        self._text_form = None if answers.rows else form_of(head, path.name)
+        self._text_form = None if answers.rows else form_of(head, answers.packed, path.name)
         if self._text_form is None:
             layout = recognise(head, path.name, answers, picking)
         else:
@@ -66,7 +66,7 @@ class TableReader(Reader):
             if len(named) == 1:  # what a sketch prints when it begins: MPU-6050 ready
                 self.comments["sensor"] = named.pop()
                 self.notes.append(f"the sensor is {self.comments['sensor']}, as a line without readings states")
-            self._text_form = form_of(begins, path.name)  # one that remembers nothing of these lines
+            self._text_form = form_of(begins, answers.packed, path.name)  # one that remembers nothing of these lines
         self.comments |= layout.facts
         columns = Form(path.name, layout.delimiter, layout.names, layout.used, layout.header_line)
         if picking is not None:

@@ -25,6 +25,7 @@ FOREIGN = (
     Answers(**SCALES, columns=BY_NAME, gyro_axes="y,-x,z"),
     Answers(**SCALES, columns="gx_dps=1,gy_dps=2,gz_dps=3,ax_g=4,ay_g=5,az_g=6"),
     Answers(**SCALES, time_unit="s", accel_unit="g/2048", gyro_unit="lsb"),
+    Answers(**SCALES, gyro_unit="dps", accel_unit="g", packed="st"),
     Answers(**SCALES, columns="t_s=1+2*1e-9,gx_dps=3,gy_dps=4,gz_dps=5,ax_g=6,ay_g=7,az_g=8", lines="2-"),
 )
 MODES = ("standard", "packed", "gzip", "rest", "unknown", *FOREIGN)

@@ -182,11 +182,20 @@ def test_a_torn_record_is_refused_by_its_line(lines, says, tmp_path):
         make(tmp_path, "\n".join(lines) + "\n", **RECORD)
 
 
-def test_registers_in_hexadecimal_json_and_checksums(tmp_path):
+def test_packed_registers_json_and_checksums(tmp_path):
+    words = ["0C00F9FF00100300000000FE"] * 20
+    assert form_of(words, "st", "x")(words[:1]) == ["12,-7,4096,3,0,-512"]
+    for packed, says in (
+        (None, r"6 registers a line, packed in hexadecimal.*give --packed"),
+        ("mpu", "but --packed mpu has 7"),
+        ("middle:gx", "is 'middle:gx'"),
+    ):
+        with pytest.raises(FormatError, match=says):
+            form_of(words, packed, "x")
     raw = ["ms,gx,gy,gz,ax,ay,az", *(f"{1000 + 10 * i},{(i * 7) % 4096:04X},FFFE,0003,00A0,FF00,1000" for i in range(800))]
-    assert form_of(raw, "x")(["1010,0007,FFFE,0003,00A0,FF00,1000"]) == ["1010,7,-2,3,160,-256,4096"]  # a decimal stamp stays decimal
+    assert form_of(raw, None, "x")(["1010,0007,FFFE,0003,00A0,FF00,1000"]) == ["1010,7,-2,3,160,-256,4096"]  # a decimal stamp stays decimal
     line = '{"t_ns": 1732600000123456789, "g": [1, 2, 3], "a": {"x": 0.10, "y": 1e-3, "z": 9}}'
-    form = form_of([line] * 9, "x")
+    form = form_of([line] * 9, None, "x")
     assert (form.header, form([line])) == ("t_ns,g[0],g[1],g[2],a.x,a.y,a.z", ["1732600000123456789,1,2,3,0.10,1e-3,9"])
     lines = TEXTS["VectorNav, $VNYMR"].write(SAMPLES)[0][1].decode().splitlines(keepends=True)
     lines[70] = lines[70].replace("+1.0", "+1.1", 1)

@@ -21,6 +21,7 @@ from session.detect.axes import (
     _SIGNED_PERMUTATIONS,
     IDENTITY,
     Turns,
+    _carried,
     _closures,
     _counted_at,
     _cut_turns,
@@ -231,6 +232,15 @@ def test_a_closure_is_the_angle_by_which_the_median_turn_misses_gravity():
     factors = np.array([np.eye(3), 1.1 * np.eye(3), np.diag([1, -1, 1.0])])
     assert _closures(turns, factors) == pytest.approx([0, 0.05, 0], abs=1e-9)  # of 0.05, 0.1 and 0; of 0, 2 and 0
     assert _refined(turned_by([[0.5, 0, 0]] * 3), np.eye(3)[None], np.array([1 / 1.1]))[0] == pytest.approx(1.0, abs=0.003)
+
+
+def test_turns_of_like_lengths_are_carried_together_to_the_same_bits():
+    whole = Turns(*(np.repeat(part, 3, axis=0) for part in vars(turned_by(np.array([0.5, 1.0, 0.2]), 37)).values()))
+    whole.angle[0, 7:], whole.angle[1, 20:] = 0.0, 0.0
+    factors = np.linspace(0.9, 1.1, 9)[:, None, None] * np.eye(3)
+    down = _carried(whole, factors)
+    angle = np.arctan2(np.linalg.norm(np.cross(down, whole.last), axis=-1), (down * whole.last).sum(axis=-1))
+    assert (_closures(whole, factors) == np.median(angle, axis=-1)).all()
 
 
 def test_a_turn_tells_the_scale_where_a_tenth_more_moves_its_end_by_two_degrees():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise, permutations
 from itertools import product as every
 
@@ -252,8 +252,16 @@ def _closures(turns: Turns, factors: np.ndarray) -> np.ndarray:
 
     A turn's closure is the angle between gravity in the last still and where the turn takes gravity of the first.
     """
-    size = max(1, AT_ONCE // turns.angle[..., 0].size)
-    down = np.concatenate([_carried(turns, factors[k : k + size]) for k in range(0, len(factors), size)])
+    down = np.empty((len(factors), len(turns), 3))
+    # Turns of like lengths together.  Padded to a power of two, they are multiplied as if padded to more.
+    blocks = turns.angle.shape[1] - np.argmax(turns.angle[:, ::-1].any(axis=-1), axis=1)
+    powers = np.frexp(blocks - 1)[1]
+    for power in np.unique(powers):
+        some = turns.of(powers == power)
+        some = replace(some, angle=some.angle[:, : 1 << power])
+        size = max(1, AT_ONCE // some.angle[..., 0].size)
+        for k in range(0, len(factors), size):
+            down[k : k + size, powers == power] = _carried(some, factors[k : k + size])
     sine = np.linalg.norm(np.cross(down, turns.last), axis=-1)
     return np.median(np.arctan2(sine, (down * turns.last).sum(axis=-1)), axis=-1)
 

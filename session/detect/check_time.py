@@ -198,11 +198,8 @@ def check_undersampling(log: Log, turns: Sequence[Ends], noise: Noise | None, co
     if exponent < LEAST_EXPONENT:
         return []
     needed_hz = 2 * half_hz * (rms_rad / floor_rad) ** (1 / exponent)  # where the rms would be down at the floor
-    text = (
-        f"motion faster than {half_hz:.4g} Hz, half the data rate: turns miss by about {error} rms that no calibration removes "
-        f"(less if the sensor filters it); white noise makes {floor}"
-    )
-    do = f"{needed_hz:.0f} Hz would have been enough, or a low-pass below {half_hz:.4g} Hz in the sensor; or turn more smoothly"
+    text = f"motion above {half_hz:.4g} Hz: turns miss by {error} rms (white noise {floor})"
+    do = f"no calibration removes it: record at {needed_hz:.0f} Hz, with a low-pass below {half_hz:.4g} Hz, or turn more smoothly"
     return [Finding("warning", where, what, text, do)]
 
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from session.base.errors import CalibrationError
+from session.base.errors import CalibrationError, FormatError
 from session.base.numeric import median_length
 from session.base.questions import QuestionsError
 from session.base.units import DEG, LARGEST_DPS, TIME, G, parse_unit
@@ -96,7 +96,9 @@ def answered(paths: Sequence[Path], answers: Answers, columns: Sequence[str], ca
     """What physics answers of all that a log does not state.  Raises the questions that are left, and ``cause`` where it answers none."""
     nameless = isinstance(cause, UnknownColumnsError)
     if isinstance(cause, UnknownColumnsError):
-        if len(paths) != 1 or not cause.columns or answers.columns or columns:
+        if len(paths) != 1 and not columns:
+            raise FormatError(f"{cause}; `import` takes --columns once for each file")
+        if columns or answers.columns or not cause.columns:
             raise cause
         answers, units = replace(answers, columns=cause.columns), cause.time_units
         options = {} if cause.stamped or answers.odr_hz else {cause.rate: "--odr"}

@@ -123,7 +123,7 @@ def _unknown(lines: list[str], name: str, form: str) -> UnknownColumnsError:
     rates = "" if stamped else " and --odr HZ, as it has no stamps"
     edit = f"--columns {shell_word(listed)} (as its numbers look; put the units, and correct it){rates}"
     begins = f"no header, {count} columns of numbers; name them by number,"
-    if re.search("[A-Za-z]", _first(lines)):
+    if re.search("[A-DF-Za-df-z]", _first(lines)):  # an exponent is no name
         begins = f"{known}; it begins {_first(lines)!r}: give"
     by_name = not any(name.isdigit() for name in called.values())
     bare = ",".join(f"{key}={called[column] if by_name else column + 1}" for key, _, column in entries)

@@ -61,7 +61,15 @@ def test_commands_take_a_log_and_a_telephones_two(run, tmp_path):
     assert "read as: time in s (52 Hz), gyro in rad/s, accelerometer in m/s^2" in out
     assert (tmp_path / "Gyroscope" / "fit" / "fit.json").exists()
     assert run("check", tmp_path / "Gyroscope" / "log0001.csv")[0] == 0
+    bare, half = [tmp_path / name for name in ("w.csv", "f.csv")], tmp_path / "half.csv"
+    for file, values in zip(bare, (MOVED.gyro, MOVED.accel), strict=True):
+        np.savetxt(file, np.column_stack([MOVED.t_s, values]), delimiter=",")
+    half.write_text(STAMPED)
     for words, complaint in (
+        (("check", *files), f"unrecognized arguments: {files[1]}; `fit LOG LOG` takes a telephone's two; see --help"),
+        (("fit", *bare), "w.csv: no header, 4 columns of numbers; name them by number, --columns t_UNIT=1,"),
+        (("fit", *bare), "; `import` takes --columns once for each file"),
+        (("fit", half, "--gyro-unit", "0.5dps"), "calibrate: half.csv: gyro scale: gravity requires rates x 2 "),
         (("fit", tmp_path / "Gyroscope", "--odr", "52"), "a folder states its units itself; leave the options of a log out"),
         (("fit", files[0], tmp_path / "Gyroscope"), "a folder, among logs; give logs or folders"),
         (("fit", files[0], tmp_path / "no.csv"), "no.csv: not found, among logs; give logs or folders"),

@@ -206,7 +206,8 @@ class _Parser(argparse.ArgumentParser):
         return text + (f"\n--help-all shows {len(rare)} further options\n" if rare else "")
 
     def error(self, message: str) -> NoReturn:
-        raise CalibrationError(f"{message}; see --help")
+        logs = "; `fit LOG LOG` takes a telephone's two" * os.path.isfile(message.removeprefix("unrecognized arguments: "))
+        raise CalibrationError(f"{message}{logs}; see --help")
 
     def parse_known_args(self, args: Sequence[str] | None = None, namespace: Any = None) -> Any:  # type: ignore[override]
         """Refuse a long option that is not known before what it stood for is found missing."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from session.base import features
+from session.base.errors import DataError
 from session.base.options import argument, folder_written, option, part
 from session.base.texts import command_line
 from session.replay.options import GROUP, Answers, Place
@@ -35,10 +36,14 @@ class Options(FitOptions, Answers, Place, VerdictOptions, Command, UsesEffects):
 
 def run(args: Options) -> int:
     """Fit models to a session and report closure figures; several sessions are fitted separately."""
+    given = args.folder
     args, read_as = of_session(args)
     if args.more:
         return run_each(args, _fit, "tinygc-fits/1", "fitted", lambda folders: f"next: {command_line('report', *folders)}")
-    done = _fit(args, read_as)
+    try:
+        done = _fit(args, read_as)
+    except DataError as error:
+        raise DataError(str(error).replace("log0001.csv:", f"{given.name}:") if given.is_file() else str(error)) from None
     write_json(args.json, done.table)
     return done.code
 

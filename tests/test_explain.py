@@ -56,7 +56,12 @@ def explained_sessions(unit):
 def test_where_the_earths_rotation_is_found_or_suspected_the_latitude_is_requested():
     def following(verdict, found, text):
         claims = [
-            SimpleNamespace(effect=SimpleNamespace(id=found, kind="earth"), equivalent=[], description="it turns: give your latitude")
+            SimpleNamespace(
+                effect=SimpleNamespace(id=found, kind="earth"),
+                equivalent=[],
+                description="it turns: give your latitude",
+                against_stated=None,
+            )
         ]
         session, decision = SimpleNamespace(folder="s", in_memory=False), SimpleNamespace(tests=[ModelTest("effect", 0.0, 0.05, text)])
         proof = SimpleNamespace(fit=SimpleNamespace(state=SimpleNamespace(claims=[])))

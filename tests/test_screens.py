@@ -11,6 +11,7 @@ import functools
 import os
 import re
 import select
+import shutil
 import struct
 import subprocess
 import sys
@@ -22,7 +23,11 @@ from conftest import ROOT
 from recording_wires import virtual_boards
 
 import tinygc
+from session.log.requirements import Rule
 from tinygc.cli.commands import commands
+from tinygc.cli.commands.sensors import _lines
+from tinygc.library.known import sensors
+from tinygc.verdict.requirements import rule_words
 
 WIDTH, HEIGHT = 80, 24
 #: words that no screen has, since a reader of the field has others
@@ -83,6 +88,7 @@ SCREENS = (
     Screen("check several", r"1 session, 0 fitted$", before="simulate --out several/one --segments 2 --closure 0 --odr-hz 62.5"),
     Screen("fit good", r"PASS: held-out turns close to [\d.]+° \(limit [\d.]+°\), closure run to [\d.]+°$", 21),
     Screen("fit good --methods least_squares --limit 0.001", r"FAIL: held-out turns close to", code=1, slow=True),
+    Screen("fit limited --methods least_squares", r"FAIL: held-out turns close to [\d.]+°, above 0\.00100°$", code=1, slow=True),
     Screen("demo --out tried", r"PASS: ", slow=True),
     Screen("table list", r"grbl  ", 4),
     Screen("rates rates.csv", r"rates: a straight line; it leaves 0\.000135 V rms$", slow=True),
@@ -96,7 +102,7 @@ SCREENS = (
         slow=True,
     ),
     Screen("sensors", r"20 sensors; "),
-    Screen("sensors mpu6050", r"MPU-6050, MPU-6000$", slow=True),
+    Screen("sensors mpu6050", r"MPU-6050, MPU-6000$", 13, slow=True),
     Screen("export good --to px4", r"written: good/export/px4.params", before=FITTED, slow=True),
     Screen("apply good good/log0001.csv.gz -o out.csv", r"out.csv: 5508 samples, calibrated ", before=FITTED, slow=True),
     Screen("report good", r"PASS: ", slow=True),
@@ -169,6 +175,9 @@ def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("screens")
     (folder / "calibrate.py").symlink_to(ROOT / "calibrate.py")
     tinygc.simulate(segments=16, closure_s=15.0, odr_hz=62.5, seed=2).save(folder / "good")
+    shutil.copytree(folder / "good", folder / "limited")
+    with (folder / "limited/session.toml").open("a", encoding="utf-8") as file:
+        file.write('[requirements]\nrule = "guard band"\nclosure_deg.upper = 0.001\ngyro_bias_mdps.upper = 5000\n')
     (folder / "rates.csv").write_text(RATES, encoding="utf-8")
     return folder
 
@@ -217,3 +226,9 @@ def test_the_rules_find_what_they_forbid():
     assert DIALECT.search("it says so")
     assert not DIALECT.search("a verdict of essays")
     assert shown("step 1\r\x1b[2Kstep 2\r\n\x1b[1A\x1b[2KPASS\r\n") == ["PASS"]
+
+
+def test_lines_that_are_not_wrapped_have_80_columns():
+    lines = [line for profile in sensors() for line in _lines(profile)]
+    rules = (Rule(least_ratio=4.0), Rule("guard band", risk=0.05), Rule("guard band", guard=0.75))
+    assert not [line for line in [*lines, *map(rule_words, rules)] if at_fault(line)]

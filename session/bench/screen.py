@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Collection, Iterable
+from textwrap import wrap
 
 from rich.console import Group, RenderableType
 from rich.live import Live
@@ -78,13 +79,13 @@ def view(guide: Guide, title: str, changes: Collection[GuideMessage]) -> Group:
     messages.add_column(justify="right", width=8)
     messages.add_column()
     for number, change in enumerate(changes, start=1):
-        style, newest = STYLES.get(change.kind, ""), number == len(changes)
-        # The newest is shown in full, the ones before it in a line each.
-        text = Text(printable(change.text), style=style, overflow="fold" if newest else "ellipsis", no_wrap=not newest)
-        messages.add_row(Text(f"{change.at_s:.1f} s", style="dim"), text)
+        style, newest, text = STYLES.get(change.kind, ""), number == len(changes), printable(change.text)
+        if not newest:  # the newest is shown in full, of the ones before it a line each
+            text = next(iter(wrap(text.partition("; ")[0], WIDTH - 10)), "")
+        messages.add_row(Text(f"{change.at_s:.1f} s", style="dim"), Text(text, style=style, overflow="fold"))
     parts: list[RenderableType] = [_instruction(guide, title), _state(guide), messages]
     if guide.keys:
-        parts.append(Text(guide.keys[-WIDTH:], style="dim", no_wrap=True, overflow="ellipsis"))
+        parts.append(Text(guide.keys[-WIDTH:], style="dim"))
     return Group(*parts)
 
 

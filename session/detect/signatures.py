@@ -13,6 +13,7 @@ import numpy as np
 
 from session.base.errors import FormatError
 from session.base.numeric import held_for, new_readings, running_sum, sigma_of
+from session.base.texts import significant
 from session.base.units import DEG, MDPS, G
 from session.detect.axes import agreement
 from session.detect.events import FULL_SCALE_ROUNDING, gyro_reach_dps
@@ -188,10 +189,11 @@ def _check_dead_band(log: Log, sensor: Sensor) -> list[Finding]:
     found = np.array([band is not None for band in bands])
     if found.any():
         here = [band for band in bands if band is not None]
-        edges = ", ".join(f"{band.beyond / DEG:.2g}" for band in here)
+        edges = ", ".join(f"{significant(band.beyond / DEG, 2)}" for band in here)
         text = f"{_stands(found, centres, max(band.share for band in here))}, and no reading lies between that and ±{edges} dps: a gate"
     elif (norm := _gap(np.linalg.norm(gyro - centres, axis=1), sided=False)) is not None and norm.within == 0:
-        text = f"{_stands(np.ones(3, dtype=bool), centres, norm.share)}, and all others beyond {norm.beyond / DEG:.2g} dps together: a gate"
+        stands, least = _stands(np.ones(3, dtype=bool), centres, norm.share), significant(norm.beyond / DEG, 2)
+        text = f"{stands}, and all others beyond {least} dps together: a gate"
     else:
         return []
     do = "switch off what does that where the log is written: with it the zero at rest is lost, and the slow part of every turn"
@@ -314,9 +316,9 @@ def _check_change(where: str, rests: _Rests) -> list[Finding]:
     for axes in found:
         at = _changes(level[:, axes]) or 0
         row, change = _row_of_change(rests, at, axes), _change(level[:, axes], at)
-        place, noise = f"from row {row} ({rests.samples.at_s(row):.1f} s) on", float(np.exp(change.mean() / 2))
+        place, much = f"from row {row} ({rests.samples.at_s(row):.1f} s) on", significant(np.exp(change.mean() / 2), 2)
         if len(axes) == 3 and (factor := _factor(rests, at)) is not None:
-            text = f"{place} the rates are {factor:.3g} times what they were by gravity, and their noise {noise:.2g} times"
+            text = f"{place} the rates are {factor:.3g} times what they were by gravity, and their noise {much} times"
             do = "the full scale changes there: record with one, or cut the log there and give each piece its own"
             return [Finding("error", where, RANGE, text, do)]
         # A filter makes the quieter side the smoother one; a vibration is in the louder one, and has its own frequency.
@@ -324,7 +326,7 @@ def _check_change(where: str, rests: _Rests) -> list[Finding]:
         smoother = -np.sign(change.mean()) * _change(own, at)
         alternates = np.median(own[louder], axis=0).min() < ALTERNATES
         if _sigmas(own.mean(axis=1), at) > SURELY and smoother.min() > LEAST_CORRELATION[len(axes) < 3] and not alternates:
-            text = f"{place} neighbouring readings of {', '.join('xyz'[axis] for axis in axes)} at rest differ by {noise:.2g} times as much"
+            text = f"{place} neighbouring readings of {', '.join('xyz'[axis] for axis in axes)} at rest differ by {much} times as much"
             do = "a filter or a mean changes there, and with it the delay: record with one setting, or cut the log there"
             return [Finding("warning", where, FILTER, f"{text}, and follow each other otherwise", do)]
     return []
@@ -410,7 +412,7 @@ def _check_high_pass(where: str, rests: _Rests) -> list[Finding]:
         found[axis], tau_s[axis] = beyond and left < LAW_LEAVES * scatter, -1 / slope if slope else np.inf
     if not found.any():
         return []
-    corners = ", ".join(f"{1 / (2 * np.pi * tau):.2g}" for tau in tau_s[found])
+    corners = ", ".join(significant(1 / (2 * np.pi * tau), 2) for tau in tau_s[found])
     over = ", ".join(f"{tau:.3g}" for tau in tau_s[found])
     text = f"behind each turn the rate of {axes_text(found)} is less by the angle turned over {over} s, and comes back: a high-pass of "
     text += f"{corners} Hz"

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from session.base.errors import DataError
+from session.base.texts import significant
 from session.base.units import BEYOND_FULL_SCALE, DEG, LARGEST_DPS, NS, SI, WORDS, G, beyond_any_sensor, parse_unit
 from session.log.logfile import COLUMNS, KnownTurn, Log, known_turn
 from session.log.samples import Samples
@@ -143,11 +144,11 @@ def usual_ranges(samples: Samples) -> tuple[float, float]:
 def stamps_of(where: str, time: np.ndarray) -> np.ndarray:
     """(N,) int64 ns of times in s.  DataError where they do not go forward."""
     if not (np.abs(time) < LAST_S).all():
-        raise DataError(f"{where}t_s reaches {np.abs(time).max():.3g} s; expected seconds")
+        raise DataError(f"{where}t_s reaches {significant(np.abs(time).max())} s; expected seconds")
     stamps = np.rint(time / NS)
     if not (np.diff(stamps) > 0).all():
         row = int(np.argmin(np.diff(stamps))) + 1
-        raise DataError(f"{where}t_s[{row}] = {time[row]:.9g} s does not go on from the sample before; expected seconds, increasing")
+        raise DataError(f"{where}t_s[{row}] = {float(time[row])} s does not go on from the sample before; expected seconds, increasing")
     return stamps.astype(np.int64)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from session.base.errors import DataError
 from session.base.numeric import held_for, new_readings, runs_of
 from session.base.questions import Question, QuestionsError
-from session.base.texts import significant
+from session.base.texts import measured, significant
 from session.base.units import DEG, G
 from session.bench.session_file import ASSUMED
 from session.log.arrays import USUAL_DPS, USUAL_G
@@ -103,7 +103,7 @@ def with_full_scales(sources: Sequence[Source], joined: Joined, answers: Answers
         if kind == "accel" and si is not None:
             lengths = np.concatenate([np.linalg.norm(part, axis=1) for _, part in pieces(values)])
             length_g = float(np.median(lengths, overwrite_input=True)) * si / G
-            shows = f"its accelerometer shows {length_g:.3g} g where gravity belongs"
+            shows = f"its accelerometer shows {significant(length_g)} g where gravity belongs"
             if length_g < LEAST_GRAVITY:
                 what = "a telephone's linear or user acceleration, or another unit; give the file with gravity, or --accel-unit"
                 raise DataError(f"{name}: {shows}: {what}")
@@ -123,7 +123,7 @@ def with_full_scales(sources: Sequence[Source], joined: Joined, answers: Answers
         rows = new if held_for(new) > 1 else slice(None)
         run = max(_standing(values[rows, axis] * (si / unit), most) for axis in range(3))
         if run >= AT_THE_END and most * unit > LEAST_AT_END[kind]:
-            what = f"the {called}'s full scale, and its readings stand at {most:.6g} {word} for {run} rows"
+            what = f"the {called}'s full scale, and its readings stand at {measured(most)} {word} for {run} rows"
             questions.append(Question(what, f"{option} {word.upper()}", "its range ends there, or near"))
             continue
         found[kind] = next((float(range_) for range_ in usual if range_ * AT_LAST > most), float(np.ceil(most)))

@@ -17,6 +17,7 @@ import numpy as np
 
 from session.base.errors import FormatError
 from session.base.questions import Question, QuestionsError
+from session.base.texts import measured
 from session.base.units import NS, NS_PER_S, TIME, parse_unit
 from session.log.stamps import COUNTER, DAY_NS, ERA_NS, Unroll, bad_stamps, decimal_ns
 
@@ -215,12 +216,12 @@ def find_clock(
     elif len(units) == 1:
         return best.taken(units[0], BY_RATE)
     elif units:
-        listed = " or ".join(f"{rates[unit]:.4g} Hz in {unit}" for unit in units)
-        pace = f"holds intervals of {best.step:.6g}" if best.intervals else f"rises by {best.step:.6g} a row"
+        listed = " or ".join(f"{measured(rates[unit])} Hz in {unit}" for unit in units)
+        pace = f"holds intervals of {measured(best.step)}" if best.intervals else f"rises by {measured(best.step)} a row"
         what = f"the unit of its clock {best.name!r}, which {pace}: {listed}"
         question = Question(what, "--time-unit", f"{' or '.join(units)}; or --odr HZ, about the rate", tuple(units))
     else:
-        what = f"whether the column {best.name!r}, which rises steadily by {best.step:.6g} a row, is its clock, and in which unit"
+        what = f"whether the column {best.name!r}, which rises steadily by {measured(best.step)} a row, is its clock, and in which unit"
         question = Question(what, "--time-unit", "s, ms, us, ns or a multiple, or none with --odr HZ if it is none")
     raise QuestionsError(where, "", [question])
 

@@ -60,7 +60,7 @@ def test_a_full_scale_that_nobody_states_is_assumed_and_said_or_asked_where_read
     gyro[300 : 300 + at_end, 1] = 573.4375
     text = HEAD + rows(T_US / 1e3, *ACCEL["g"].T, *gyro.T)
     if at_end == 4:
-        with pytest.raises(QuestionsError, match=r"its readings stand at 573\.438 dps for 4 rows; give --gyro-fs DPS"):
+        with pytest.raises(QuestionsError, match=r"its readings stand at 573\.44 dps for 4 rows; give --gyro-fs DPS"):
             make(tmp_path, text, **told)
         # Readings that come six times, and coarse ones at a peak, end no range.
         for number, values in enumerate((GYRO["dps"][np.arange(len(T_US)) // 6 * 6], np.rint(GYRO["dps"] / 5) * 5)):

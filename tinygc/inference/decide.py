@@ -333,7 +333,7 @@ class Conformity:
         if not m.observed or not np.isfinite(m.value):
             return m.stated
         unit = m.unit if m.unit == "°" else f" {m.unit}"
-        return f"{m.stated}{unit}" + (f" (k = {m.factor:.2f})" if m.expanded > 0 else "")
+        return f"{m.stated}{unit}"
 
     @property
     def risk_words(self) -> str:

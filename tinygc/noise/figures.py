@@ -24,6 +24,7 @@ import numpy as np
 
 from session.base.records import Count, Key, Share, Size, read_record, record_of, table_of
 from session.base.results import Array, Column, Keys, ListOf, Maybe, Number, Text
+from session.base.texts import significant
 from tinygc.inference.choose import ONE_SIDED
 
 #: file of a unit's noise figures, next to ``fit.json``
@@ -295,7 +296,7 @@ LATE_S = 1.0
 def described_from(figures: NoiseFigures) -> list[str]:
     """One line on the axes that the terms describe only from an averaging time of ``LATE_S`` or more; none where there is none."""
     late = [
-        f"{SENSORS[kind]} {name} {axis.from_s:.2g} s on"
+        f"{SENSORS[kind]} {name} {significant(axis.from_s, 2)} s on"
         for kind, sensor in figures.sensors().items()
         for name, axis in zip("xyz", sensor.axes, strict=True)
         if axis.is_described and axis.from_s >= LATE_S

@@ -120,6 +120,9 @@ def _closure(e: Explanation) -> Text:
 
 def _looks(e: Explanation) -> Iterator[Text]:
     """What families leave open, gravity in the turns, the registers, and what the first look warned of, a line each."""
+    for claim in e.claimed:
+        if claim.against_stated is not None:
+            yield Text(f"{claim.against_stated.words.partition(': ')[0].capitalize()}.")
     for family in families_of(e):
         yield Text(f"{family.words.capitalize()}.", "yellow")
     if e.gravity is not None:
@@ -192,7 +195,8 @@ def _limit(name: str, size: float) -> tuple[str, str]:
 
 def next_line(e: Explanation, following: str | None) -> str:
     """What to do next: what would decide what is open, else what to do about the effect; empty where there is nothing."""
-    do = following or "; ".join(dict.fromkeys(claim.description.partition(": ")[2] for claim in e.claimed if ": " in claim.description))
+    dos = [claim.description.partition(": ")[2] for claim in e.claimed if claim.against_stated is None]
+    do = following or "; ".join(dict.fromkeys(filter(None, dos)))
     return f"next: {do}" if do else ""
 
 

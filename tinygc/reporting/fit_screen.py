@@ -9,7 +9,7 @@ from session.base.texts import command_line, given_effects, significant
 from session.detect.stills import BY_HAND
 from tinygc.fitting.results import FitResult
 from tinygc.inference.decide import KINDS
-from tinygc.reporting.facts import screen
+from tinygc.reporting.facts import Table, screen
 from tinygc.reporting.fit_text import TITLES, closure_table, parameters_table
 from tinygc.reporting.terminal import Group, Text, one_line
 from tinygc.verdict.acceptance import GIVEN, Acceptance
@@ -18,15 +18,20 @@ from tinygc.verdict.model_tests import EARTH_ROTATION, contradictions
 
 def fit_screen(result: FitResult, decision: Acceptance) -> Group:
     """Verdict, closure, sensor errors and what costs accuracy."""
-    return screen([*verdict_lines(decision), closure_table(result, brief=True), parameters_table(result, brief=True), *_remarks(result)])
+    required = [] if decision.limit_from == GIVEN else decision.conformities
+    rows = [[each.measured.name.partition(",")[0], each.measured.stated, each.limit_words, each.answer.upper()] for each in required]
+    limits = [Table("Values ± U (95 %) and their limits", ("", "", "", ""), rows, left=(0, 3))] if rows else []
+    tables = [*limits, closure_table(result, brief=True), parameters_table(result, brief=True)]
+    return screen([*verdict_lines(decision), *tables, *_remarks(result)])
 
 
 def verdict_lines(decision: Acceptance, reasons: bool = False) -> list[Text]:
     """The verdict with its reasons, and in small print the rule and what it risks; reasons: with each figure, whether it meets the rule."""
     style = KINDS[decision.answer].style
     lines = [one_line(decision.headline, style), *(one_line(text, style) for text in decision.further)]
-    small = [decision.rule, *(decision.risks if reasons or decision.limit_from != GIVEN else [])]
+    small = decision.rule.split("\n")
     if reasons:
+        small += decision.risks
         met = {True: "met", False: "not met", None: "not decided"}
         small += [f"  {met[each]}: {reason}" for each, reason in decision.reasons]
         small += [f"  in doubt: {doubt}" for doubt in decision.doubts if doubt not in (decision.headline, *decision.further)]

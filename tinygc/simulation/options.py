@@ -106,7 +106,7 @@ class SimulationOptions(Record):
             ("still_s", self.segments * 2 * self.still_s),
             ("turn_s", self.segments * self.turn_s),
         ):
-            self.expect(length_s * self.odr_hz <= MOST_SAMPLES, name, f"less: a session has at most {MOST_SAMPLES:.0e} samples")
+            self.expect(length_s * self.odr_hz <= MOST_SAMPLES, name, f"less: a session has at most {MOST_SAMPLES} samples")
         units = self.register_units
         self.expect(units.gyro_rps > 0 and units.accel_mps2 > 0, "sensor", "one that `calibrate.py sensors` lists")
 

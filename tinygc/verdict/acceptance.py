@@ -269,8 +269,8 @@ def decide(
         turns = f"turns {len(candidate.numbers)} (at least {ENOUGH_SEGMENTS})"
         rules.append(f"Rule: residuals like noise ({probability(least)}, at least {MISMATCH_P:g}), {turns}.")
     if required.limits and (others or limit_deg is None):
-        rules.append(f"Requirements of {required.source or 'the user'}. {rule_words(required.rule)}")
-    rule = " ".join(rules)
+        rules += [f"Requirements of {required.source or 'the user'}.", rule_words(required.rule)]
+    rule = "\n".join(rules)
     reasons = [(met, f"{text}; {lost}" if lost else text) for (met, text), lost in zip(reasons, ["", *candidate.run_losses], strict=True)]
     by_chance = [each for each, by in zip(reasons, [segments, *[runs] * len(files)], strict=True) if not by]
     unsound = [text for met, text in by_chance if not met]
@@ -279,7 +279,7 @@ def decide(
         named = METHODS[raw.method].title
         reasons.append((False, f"{held_out}, worse than the {significant(raw.tilt_rms_deg, 2)}° of the raw rates ({named})"))
         unsound.append(reasons[-1][1])
-        rule += " Worse than the raw rates is a fail in any case."
+        rule += "\nWorse than the raw rates is a fail in any case."
     limit, source = limit_deg, None if limit_deg is None else GIVEN
     if segments:
         most = segments[0].limits[1]
@@ -302,11 +302,12 @@ def decide(
     found = [*_doubts(candidate, times, accelerometer), *doubts]
     if not segments and promise is not None and promise.noisier:
         found.append(f"noisier than {promise.source}: {promise.noisier}")
-    undecided += [f"{each.measured.name}: {each.value_words}, {_undecided(each)}" for each in decided if each.answer == "not decided"]
+    unclear = [each for each in decided if each.answer == "not decided"]
+    undecided += [f"{each.measured.name.partition(',')[0]} is {each.value_words} ({_undecided(each)})" for each in unclear]
     undecided += [text for met, text in by_chance if met is None]
     passed = all(met is not False for met, _ in reasons)
     if passed and limit is None and not (decided or undecided or found):
-        rule += " PASS needs --limit DEG."
+        rule += "\nPASS needs --limit DEG."
     return Acceptance(passed, rule, reasons, found, bool(segments), closure, decided, undecided, unsound, limit, source, tuple(tests))
 
 
@@ -323,11 +324,9 @@ def _others(candidate: CandidateFit, accelerometer: AccelerometerFit | None) -> 
 
 
 def _undecided(each: Conformity) -> str:
-    if each.answer != "not decided" or not each.measured.observed or not np.isfinite(each.measured.value):
-        return f"required {each.limit_words}"
-    if each.rule.least_ratio is not None:
-        return f"required {each.limit_words}: not decided, its test uncertainty ratio is below {each.rule.least_ratio:g}"
-    return f"required {each.limit_words}: not decided within {significant(each.band, 2)} of a limit"
+    if each.rule.least_ratio is not None and each.measured.observed and np.isfinite(each.measured.value):
+        return f"{each.limit_words}: its test uncertainty ratio is below {each.rule.least_ratio:g}"
+    return each.limit_words
 
 
 def _doubts(candidate: CandidateFit, times_floor: float, accelerometer: AccelerometerFit | None) -> list[str]:
@@ -349,7 +348,7 @@ def _doubts(candidate: CandidateFit, times_floor: float, accelerometer: Accelero
 def _against(what: str, each: Conformity) -> tuple[bool | None, str]:
     """Whether a value meets its limits, None where that is not decided, and how it stands to them."""
     if each.answer == "not decided":
-        return None, f"{what}, {_undecided(each)}"
+        return None, f"{what}, required {_undecided(each)}"
     lower, upper = each.limits
     if np.isfinite(lower):
         return each.answer == "pass", f"{what}, {'within' if each.answer == 'pass' else 'outside'} {each.limit_words}"

@@ -24,15 +24,11 @@ SHARED = 1.5
 def rule_words(rule: Rule) -> str:
     """The rule in one sentence."""
     if rule.kind == SIMPLE:
-        condition = f", with a test uncertainty ratio of at least {rule.least_ratio:g}" if rule.least_ratio is not None else ""
-        return f"Simple acceptance{condition}: a measured value within its limits passes, however large its uncertainty."
+        condition = f" if (upper - lower) / 2 U is at least {rule.least_ratio:g}" if rule.least_ratio is not None else ""
+        return f"Simple acceptance: PASS within limits{condition}."
     if rule.risk is not None:
-        most = share_words(rule.risk)
-        return f"Guard bands by risk: PASS and FAIL are wrong with a probability of at most {most}; in between nothing is decided."
-    return (
-        f"Guard bands of w = {rule.guard:g} U at each limit: PASS within the limits by at least w, FAIL beyond them by more than w; in "
-        "between nothing is decided."
-    )
+        return f"Guard band: PASS or FAIL where its risk is at most {share_words(rule.risk)}, else not decided."
+    return f"Guard band: PASS {rule.guard:g} U within the limits, FAIL {rule.guard:g} U beyond, else not decided."
 
 
 def closure_measured(angles: np.ndarray, numbers: Sequence[int]) -> Fact:

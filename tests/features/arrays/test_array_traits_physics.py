@@ -89,7 +89,7 @@ def test_units_differ_or_share_only_what_the_evidence_shows(values, how, expecte
         ([1.9, -1.0, -0.5, 0.2, -0.6], {"named": (0, 3)}, (), "below {0.7356} s with 95 %"),  # less than the largest that is named
         ([5.0] * 4, {"share": 0.2}, (), "of one size: {5.0 ± 0.63246} s"),  # sqrt((1 + 3 * 0.2) / 4)
         ([0.1, 0.1, 0.2, 4.2], {}, (), "of one size in 4 units: undecided; {1.15 ± 0.5} s; more than {5.845} s is excluded"),  # 4.2 + 1.645
-        ([12.0, 16.0], {}, (), "in all units, of one size, or each its own (probability 0.064), in the mean: {14.0 ± 0.70711} s"),
+        ([12.0, 16.0], {}, (), "in all units, of one size, or each its own (p = 0.064), in the mean: {14.0 ± 0.70711} s"),
         ([9.0], {}, (), "named in unit 0: undecided; {9.0 ± 1.0} s; more than {10.645} s is excluded with 95 %"),
         ([5.0, 5.0], {"unknown": (3,), "instead": ("gyro.bandwidth",)}, (), "or gyro.bandwidth: not separable here"),
         ([9.0, 9.0], {"unknown": (3,)}, (), "in units 0, 1, of one size"),

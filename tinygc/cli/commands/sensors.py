@@ -63,21 +63,21 @@ def _span(values: list[float]) -> str:
 def _lines(profile: Profile) -> list[str]:
     lines = [", ".join((profile.name, *profile.also))]
     for what, unit, full_scale, table in (("gyroscope", "mdps", "dps", profile.gyro), ("accelerometer", "mg", "g", profile.accel)):
-        each = "full scale / 32768" if table is None else ", ".join(f"{lsb:.5g} at ±{fs:g} {full_scale}" for fs, lsb in table.items())
-        lines.append(f"  {what}, {unit} per LSB: {each}")
+        if table is None:
+            lines.append(f"  {what}: full scale / 32768")
+        else:
+            lines.append(f"  {what}, ± {full_scale}: {', '.join(f'{fs:g}' for fs in table)}")
+            lines.append(f"  {unit} per LSB: {', '.join(f'{lsb:.5g}' for lsb in table.values())}")
     thermometer = profile.thermometer
     register = "not known" if thermometer is None else f"{thermometer.lsb_per_c:.5g} LSB per degC, 0 at {thermometer.at_zero_c:.5g} degC"
     lines.append(f"  temperature register: {register}")
-    lines.append(f"  source: {profile.units}")
-    lines.append(f"  data rates: {_rates(profile)}")
-    for name, figure in profile.figures.items():
-        called, unit = FIGURES[name]
-        lines.append(f"  {called}: {_value(figure, unit)} ({figure.source})")
+    sources = "; ".join([profile.units, *(figure.source.partition("; ")[0] for figure in profile.figures.values())])
+    first, *others = dict.fromkeys(sources.split("; "))
+    lines += [f"  source: {first}", *(f"    {text}" for text in others)]
+    lines.append(f"  rates: {_rates(profile)}")
+    lines += [f"  {called}: {_value(profile.figures[name], unit)}" for name, (called, unit) in FIGURES.items() if name in profile.figures]
     if profile.works_c is not None:
         lines.append(f"  works from {profile.works_c[0]:g} to {profile.works_c[1]:g} degC")
-    missing = [called for name, (called, _) in FIGURES.items() if profile.yardstick(name) is None]
-    if missing:
-        lines.append(f"  no figure of: {'; '.join(missing)}")
     return lines
 
 
@@ -89,7 +89,7 @@ def _value(figure: Figure, unit: str) -> str:
 def _rates(profile: Profile) -> str:
     listed = [", ".join(f"{rate:g}" for rate in profile.odr_hz)] if profile.odr_hz else []
     listed += [f"{base_hz:g}" + (f" / 1 to {most}" if most > 1 else "") for base_hz, most in profile.divided]
-    return f"{', '.join(listed)} Hz" if listed else "data rates not known"
+    return f"{', '.join(listed)} Hz" if listed else "not known"
 
 
 def _table(profile: Profile) -> dict:

@@ -31,5 +31,5 @@ def export(model: Model, context: Context) -> dict[str, str]:
         facts["missing"] = f"of the accelerometer, not in this format: {', '.join(context.effects_of_force)}"
     registers = Registers.of(context.config, context.accelerometer)
     if registers is None:
-        context.remark(f"no tinygc_from_registers: what the registers of {sensor.model} mean, or its full scale, is not known")
+        context.remark("no tinygc_from_registers: not all registers are known; give it rad/s and m/s^2")
     return source_files(chosen, registers, f"A gyroscope's calibration, by TinyGC {VERSION}.", facts, context.accelerometer)

@@ -4,6 +4,7 @@ It is estimated from thinned readings: predicted_deg is the rms over the turns a
 have one value for each thinned rate, and there is the exponent in the rate (``tinygc.effects.effect.DATA_RATE``).
 """
 
+from session.base.texts import degrees
 from session.base.units import DEG
 from tinygc.effects import Effect, NoC, Parameter, nothing
 from tinygc.effects.effect import DATA_RATE
@@ -16,7 +17,7 @@ EFFECT = Effect(
     kind="motion",
     columns=nothing(1),
     describe=lambda theta: (
-        f"motion faster than half the data rate: turns miss by {float(theta[0]) / DEG:.2g}° rms that no model of the sensor gives back; "
+        f"motion faster than half the data rate: turns miss by {degrees(float(theta[0]))} rms that no model of the sensor gives back; "
         "record faster, or filter below half the data rate before sampling"
     ),
     discriminating_motion="record the same turns at twice the data rate: this error falls by 2^p",

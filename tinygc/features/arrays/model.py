@@ -17,6 +17,7 @@ from session.base.errors import CalibrationError, FormatError
 from session.base.numeric import sigmas_in
 from session.base.records import ROTATION, read_record
 from session.base.results import Array, Keys, Maybe, Number, Text
+from session.base.texts import significant
 from session.base.units import DEG
 from session.detect.events import FULL_SCALE_ROUNDING
 from session.log.config import OWN_UNITS, Accelerometer, Sensor
@@ -419,9 +420,9 @@ def with_best_weights(
         by_white = np.trace(fused) / 2 / AVERAGING_S
         by_wander = FLICKER_FLOOR**2 * np.trace(combined(weights, wander))
         best_for = WHITE if by_white >= by_wander else INSTABILITY
-        parts = [np.sqrt(part / 3) / DEG for part in (by_white, by_wander)]
+        white, bias = (significant(np.sqrt(part / 3) / DEG, 2) for part in (by_white, by_wander))
         words = {WHITE: "white noise", INSTABILITY: "bias instability"}[best_for]
-        reason = f"over {AVERAGING_S:g} s white noise leaves {parts[0]:.2g} dps, bias instability {parts[1]:.2g} dps: best for {words}"
+        reason = f"over {AVERAGING_S:g} s white noise leaves {white} dps, bias instability {bias} dps: best for {words}"
         weights = weights if best_for == WHITE else slow
     weighed = tuple(replace(unit, weights=own) for unit, own in zip(units, weights, strict=True))
     return ArrayModel(

@@ -19,6 +19,7 @@ from scipy.special import chdtrc
 
 from session.base.numeric import rms_of, running_sum
 from session.base.records import in_unit
+from session.base.texts import measured
 from session.base.units import DEG, MG
 from tinygc.features.arrays.joint import Joint
 from tinygc.features.arrays.system import Solution
@@ -227,4 +228,4 @@ def _tilt(what: str, scope: str, p_value: float, size_rad: float, upper_rad: flo
 
 
 def _deg(rad: float) -> str:
-    return f"{rad / DEG:.2g}°"
+    return f"{measured(float(f'{rad / DEG:.2g}'))}°"

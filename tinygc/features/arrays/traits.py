@@ -17,7 +17,7 @@ from scipy.special import chdtrc
 from session.base import rotation
 from session.base.numeric import sigmas_in
 from session.base.records import in_unit
-from session.base.texts import measured, significant
+from session.base.texts import measured, probability, significant
 from session.base.units import DEG, DEG_PER_HOUR, EARTH_RATE_RPS
 from tinygc.effects import Effect
 from tinygc.explanation.claims import Claim
@@ -171,7 +171,7 @@ def trait_of(
     p_value = p_missing if p_missing < LEVEL <= p_other and len(numbers) > 1 else p_other
     what = f"{everywhere}, of one size" if p_value < LEVEL else named
     if p_value < LEVEL <= p_other:
-        what += f", or each its own (probability {p_other:.2g}), in the mean"
+        what += f", or each its own ({probability(p_other)}), in the mean"
     elif p_value >= LEVEL and len(numbers) > 1:
         what += f", of one size in {len(numbers)} units"
     if odd:  # a limit of one size is none of theirs

@@ -19,6 +19,7 @@ import numpy as np
 from session.base.errors import CalibrationError
 from session.base.files import write_new
 from session.base.numeric import rms_of
+from session.base.texts import significant
 from session.base.units import DEG, MG, NS_PER_S, G
 from session.log.folder import read_session
 from session.log.samples import Samples
@@ -235,8 +236,10 @@ def columns(trial: EffectTrial) -> str:
         raise Wrong(f"parameter {int(np.argmin(greatest))} changes nothing on a hand's movement")
     off = float((np.abs(numeric - found)[ENDS:-ENDS].max(axis=(0, 1)) / greatest).max())
     if not off < SHARE_WITHIN:
-        raise Wrong(f"columns differ from the finite differences of distort by {100 * off:.2g} % (at most {100 * SHARE_WITHIN:g} %)")
-    return f"within {100 * off:.2g} % of the finite differences of distort"
+        raise Wrong(
+            f"columns differ from the finite differences of distort by {significant(100 * off, 2)} % (at most {100 * SHARE_WITHIN:g} %)"
+        )
+    return f"within {significant(100 * off, 2)} % of the finite differences of distort"
 
 
 def inverse(trial: EffectTrial) -> str:
@@ -246,10 +249,10 @@ def inverse(trial: EffectTrial) -> str:
     off = np.abs(effect.correct(bent, moved.with_rate(bent), theta) - moved.rate)[ENDS:-ENDS]
     left = float(off.max() / np.abs(bent - moved.rate).max())
     if not left < SHARE_WITHIN:
-        raise Wrong(f"correct leaves {100 * left:.2g} % of what the effect did (at most {100 * SHARE_WITHIN:g} %)")
+        raise Wrong(f"correct leaves {significant(100 * left, 2)} % of what the effect did (at most {100 * SHARE_WITHIN:g} %)")
     if np.abs(effect.correct(moved.rate, moved, 0 * theta) - moved.rate).max() > ROUNDING:
         raise Wrong("correct changes something although all parameters are zero")
-    return f"correct leaves {100 * left:.2g} % of what the effect did"
+    return f"correct leaves {significant(100 * left, 2)} % of what the effect did"
 
 
 # Inject and recover: the errors of the fitted parameters in simulated sessions agree with their stated sigmas.
@@ -266,7 +269,7 @@ def recover(trial: EffectTrial) -> str:
     """Check the errors of all parameters in all sessions."""
     error, sigma, size = (np.concatenate(column) for column in zip(*map(_errors, trial.sessions), strict=True))
     rms, worst = rms_of(error / sigma), float((np.abs(error) / size).max())
-    text = f"{len(SEEDS)} sessions, {len(error)} numbers: errors {rms:.2f} sigma rms, at most {100 * worst:.2g} % of the size"
+    text = f"{len(SEEDS)} sessions, {len(error)} numbers: errors {rms:.2f} sigma rms, at most {significant(100 * worst, 2)} % of the size"
     if (np.abs(error) > MOST_SIGMAS * np.hypot(sigma, MODEL_SHARE * size)).any():
         raise Wrong(f"{text}: more than the stated sigmas and {100 * MODEL_SHARE:g} % allow")
     if rms < LEAST_RMS:
@@ -360,7 +363,9 @@ def _same(one: np.ndarray, whole: np.ndarray, how: str) -> None:
     off = np.abs(one - whole).max(axis=1)
     if not off.max() < WITHIN:
         at = int(np.argmax(off))
-        raise Wrong(f"{how} it differs from the whole log by {off[at]:.2g} rad/s at sample {at}: does reach cover all that it reads?")
+        raise Wrong(
+            f"{how} it differs from the whole log by {significant(off[at], 2)} rad/s at sample {at}: does reach cover all that it reads?"
+        )
 
 
 #: noise of the readings that its C gets, rad/s and m/s^2
@@ -378,9 +383,11 @@ def c(trial: EffectTrial) -> str:
     single = chosen.run(Inputs.of(samples.gyro, samples.accel, samples.temp_c))
     off = float((np.abs(single - double) / (1 + np.abs(double))).max())
     if not (single.dtype == np.float32 and off < DOUBLE_WITHIN):
-        raise Wrong(f"its NumPy gives {single.dtype} and differs from correct by {off:.2g} of the rate (at most {DOUBLE_WITHIN:g})")
+        raise Wrong(
+            f"its NumPy gives {single.dtype} and differs from correct by {significant(off, 2)} of the rate (at most {DOUBLE_WITHIN:g})"
+        )
     if shutil.which("gcc") is None:
-        raise NotChecked(f"no gcc on this machine; its NumPy is within {off:.2g} of correct")
+        raise NotChecked(f"no gcc on this machine; its NumPy is within {significant(off, 2)} of correct")
     with tempfile.TemporaryDirectory() as folder:
         for name, text in source_files(chosen, None, "A check of an effect.", {}).items():
             write_new(Path(folder) / name, text)
@@ -390,8 +397,8 @@ def c(trial: EffectTrial) -> str:
             raise Wrong(f"its C does not compile: {' '.join(made.stderr.split())[:200]}")
         library, worst = ctypes.CDLL(str(Path(folder) / "model.so")), ctypes.c_float(-1)
     if library.tinygc_self_test(ctypes.byref(worst)) or worst.value != 0:
-        raise Wrong(f"its C differs from its NumPy by up to {worst.value:.2g} rad/s")
-    return f"its C is its NumPy bit for bit in its self-test, and within {off:.2g} of correct"
+        raise Wrong(f"its C differs from its NumPy by up to {significant(worst.value, 2)} rad/s")
+    return f"its C is its NumPy bit for bit in its self-test, and within {significant(off, 2)} of correct"
 
 
 # All parts of the test of an effect, in order.

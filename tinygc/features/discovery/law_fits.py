@@ -95,15 +95,12 @@ def next_of(e: Explanation, discovery: Discovery, pairs: list[Pair]) -> str | No
         if is_open(law):
             between = f"to separate {briefly(equation(law.form))} from {briefly(law.runners_up[0].effect.equation)}: "
             return between + _splitting(next(pair for pair in pairs if pair.law is law))
-    if discovery.verdict == "found":
-        holds = "a law holds whose numbers agree there with the file's"
-        return f"record a second session with other movement, and explain it with the effect file: {holds}"
     faint = min(discovery.laws, key=lambda law: law.gain, default=None)
-    if faint is not None and faint.gain < DECISIVE:
+    if discovery.verdict != "found" and faint is not None and faint.gain < DECISIVE:
         more = ceil(DECISIVE / faint.gain + 0.5)
         return f"record {more} times as many turns, or turns in which it is larger: {splits(faint.form)}"
     if faint is not None:
-        return "record a second session with other movement, and explain it with the effect file: what is left there shows more"
+        return "record a second session with other movement; explain it with the file"
     return what_next(e)
 
 

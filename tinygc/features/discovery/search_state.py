@@ -9,7 +9,7 @@ from typing import Annotated
 import numpy as np
 
 from session.base.records import Count, Key
-from session.base.texts import probability
+from session.base.texts import probability, significant
 from session.base.units import DEG
 from tinygc.closure.problem import Problem
 from tinygc.effects import Effect
@@ -444,7 +444,7 @@ def refused(searched: SearchState, law: Effect) -> str | None:
     best, evidence = searched.best, searched.evidence
     chance_p, text = searched.chance_p(law), equation(evidence.forms[law.id])
     if chance_p > CHANCE:
-        return f"the best form does no more than chance does in {100 * chance_p:.2g} % of such searches: {text}"
+        return f"the best form does no more than chance does in {significant(100 * chance_p, 2)} % of such searches: {text}"
     if searched.catalogue.score < best.score + STAND_IN:
         names = ", ".join(sorted(searched.catalogue.ids))
         return f"on the turns that were searched {names} is of equal worth" if names else "noise alone explains the turns searched as well"

@@ -47,7 +47,7 @@ def simulate_rest(options: RestOptions, sensor: SimulationOptions, seed: int = 0
     """
     count = round(options.cycles * options.cycle_s * sensor.odr_hz)
     if not 2 <= count <= MOST_SAMPLES:
-        raise CalibrationError(f"--rest-cycles makes {count} samples, expected 2 to {MOST_SAMPLES:.0e}; shorten it, or lower --odr-hz")
+        raise CalibrationError(f"--rest-cycles makes {count} samples, expected 2 to {MOST_SAMPLES}; shorten it, or lower --odr-hz")
     rng = np.random.default_rng([seed, 13])
     dt_s = 1 / sensor.odr_hz
     t_s = np.arange(count) * dt_s

@@ -22,7 +22,7 @@ from session.base.files import open_file, result_folder
 from session.base.names import CLOCKS
 from session.base.numeric import rms_of
 from session.base.results import write_text_whole
-from session.base.texts import STANDIN_NAME, fixed, significant
+from session.base.texts import STANDIN_NAME, fixed, measured, significant
 from session.base.toml import read_toml
 from session.base.units import MDPS
 from session.log.config import Config, read_config
@@ -267,7 +267,7 @@ class Certificate:
         if (off := sensor.clock_words) and not counted:
             clock += f": {off}, a deviation that is not corrected; U has it as a standard uncertainty"
         elif (sigma := sensor.clock_sigma) is not None and not counted:
-            clock += f", {'which' if self._by_arrivals else 'whose clock'} is known to {sigma * 1e6:.4g} ppm (k = 1), which is in U"
+            clock += f", {'which' if self._by_arrivals else 'whose clock'} is known to {measured(sigma * 1e6)} ppm (k = 1), which is in U"
         reference = fit.session.reference
         angle = REFERENCES.get(protocol.reference, INSTRUMENT).format(
             sigma=protocol.dial_sigma_deg if reference is None else reference.sigma_deg

@@ -20,7 +20,7 @@ from tinygc.estimation.options import FitOptions
 from tinygc.explanation.checked import check_on
 from tinygc.explanation.engine import explain_session
 from tinygc.explanation.physics import physics_methods
-from tinygc.explanation.result import to_json, what_next
+from tinygc.explanation.result import to_json, what_next, worst_segments
 from tinygc.fitting.fit import fit_session
 from tinygc.library.explanations import Why
 from tinygc.reporting.checked_text import checked_page
@@ -153,6 +153,14 @@ def test_what_an_effect_does_fits_the_first_line(effect):
     statement, _, do = effect.describe(0.5 * np.full(effect.parameter.size, effect.parameter.plausible)).partition(": ")
     assert len(f"FOUND, undecided: {statement}.") <= 80
     assert do
+
+
+def test_the_worst_segments_are_of_those_that_the_proof_has():
+    """Segment 1 is left out of the fit and explained all the same; each has a floor of its own."""
+    used = [SimpleNamespace(number=number) for number in (0, 1, 2, 4)]
+    floor = SimpleNamespace(own=np.array([[[size**2]] for size in (1.0, 9.0, 2.0, 3.0)]))
+    proof = SimpleNamespace(before_numbers=[0, 2, 4], before=np.array([[2.0], [12.0], [12.0]]))
+    assert worst_segments(SimpleNamespace(problem=SimpleNamespace(used=used, floor=floor), proof=proof)) == [2, 4]
 
 
 def test_the_picture_is_an_svg(explained, tmp_path):

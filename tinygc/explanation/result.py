@@ -101,7 +101,9 @@ def where(e: Explanation) -> dict:
 
 def worst_segments(e: Explanation) -> list[int]:
     """Numbers of the segments whose closure exceeds their floor most, worst first."""
-    sigma = np.sqrt(np.trace(e.problem.floor.own, axis1=1, axis2=2))
+    used = [segment.number for segment in e.problem.used]
+    rows = [used.index(number) for number in e.proof.before_numbers]  # a report explains segments that its fit leaves out, too
+    sigma = np.sqrt(np.trace(e.problem.floor.own[rows], axis1=1, axis2=2))
     excess = np.linalg.norm(e.proof.before, axis=1) / sigma
     order = np.argsort(-excess)[:MOST_SEGMENTS]
     return [e.proof.before_numbers[i] for i in order if excess[i] > BELONGS_SIGMAS / np.sqrt(2)]

@@ -314,6 +314,23 @@ def edited(folder, out, change):
     return made
 
 
+@pytest.mark.parametrize(
+    ("without", "expected"),
+    [
+        ("segments.used", "a whole number of at least 0"),
+        ("methods.least_squares", "how well that model closes held-out turns"),
+        ("against_raw.tilt_rms_deg", "a number from 0 to 10000 or null"),
+    ],
+)
+def test_a_fit_without_the_figures_of_its_model_exports_nothing(without, expected, folders, screen, tmp_path, run):
+    *above, last = without.split(".")
+    folder = edited(folders[0], tmp_path / "s", lambda table: (table[above[0]] if above else table).pop(last))
+    code, _, err = run("export", folder, "--to", "px4")
+    line = f"{without} is missing, expected {expected}; run `python calibrate.py fit {folder}` again"
+    assert (code, err) == (2, f"calibrate: {folder / 'fit' / 'fit.json'}: {line}\n")
+    assert not (folder / "export").exists()
+
+
 def test_a_sensor_without_errors_is_better_off_without_twelve_parameters(tmp_path, run):
     """Few turns, and twelve parameters that follow their noise: raw is better, which ``fit`` says, and which is a fail."""
     none = dict.fromkeys(("gyro_scale_error", "gyro_misalignment", "gyro_bias_dps", "bias_instability_dph", "latitude_deg"), 0.0)

@@ -21,7 +21,7 @@ from session.base.errors import DeviceError, FormatError, StorageError
 from session.bench import frames, rawfile
 from session.bench.events import TROUBLES, Event, SampleChunk
 from session.bench.logwriter import LogWriter
-from session.bench.port import Port, known_ports, only_candidate
+from session.bench.port import Port, known_ports, lock_of, only_candidate
 from session.bench.rawfile import (
     _RESCUED,
     GrowingFile,
@@ -302,6 +302,18 @@ def test_a_board_that_comes_back_under_another_name_is_known_by_its_serial_numbe
         assert port.items.get(timeout=PATIENCE_S)[1].kind == "close"
         assert port.items.get(timeout=PATIENCE_S)[1].text == str(second.name)
         port.close()
+
+
+def test_a_link_that_a_killed_board_left_is_not_followed(wire, tmp_path, monkeypatch):
+    """By now it may lead to another user's terminal, which opening alone would take away from them."""
+    link, opened = tmp_path / "port", []
+    link.symlink_to(wire[1])
+    lock_of(link).write_text("")
+    monkeypatch.setattr(serial, "Serial", lambda *words, **more: opened.append(words))
+    for following in (lambda: Port(str(link)), lambda: Recorder(tmp_path / "s", str(link))):
+        with pytest.raises(DeviceError, match="runs no more"):
+            following()
+    assert (opened, (tmp_path / "s").exists()) == ([], False)
 
 
 # What is removed, killed, full.

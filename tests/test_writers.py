@@ -18,6 +18,7 @@ from streams import frame_list, sent
 
 import tinygc
 from session.base.errors import CalibrationError
+from session.base.files import is_stream
 from session.base.records import write_whole
 from session.base.results import write_text_whole
 from session.bench import rawfile
@@ -225,6 +226,14 @@ def test_a_file_that_a_shell_has_opened_is_added_to(tmp_path, name):
         subprocess.run([sys.executable, "-c", code], stdout=file, check=True, cwd=ROOT)
     assert (tmp_path / "notes").read_text() == "mine\na page"
     assert subprocess.run([sys.executable, "-c", code], stdout=subprocess.PIPE, check=True, cwd=ROOT).stdout == b"a page"
+
+
+def test_another_name_of_a_file_is_no_stream(tmp_path, monkeypatch):
+    (tmp_path / "notes").write_text("mine")
+    monkeypatch.chdir(tmp_path)
+    assert not is_stream(Path("/proc/self/cwd/notes"))
+    assert not is_stream(Path("/proc/self/fd/../cwd/notes"))
+    assert all(map(is_stream, map(Path, ["/dev/null", "/dev/stderr", "/dev/fd/9", f"/proc/{os.getpid()}/fd/0"])))
 
 
 #: calls that write by a name, whatever they are of

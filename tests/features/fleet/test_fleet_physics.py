@@ -18,13 +18,13 @@ from html_pages import parsed
 from processes import CALIBRATE, PIPE, started, until
 from scipy import stats
 
-from session.base.errors import StorageError
+from session.base.errors import FormatError, StorageError
 from tinygc import CalibrationError, check, fit
 from tinygc.explanation.engine import explain_session
 from tinygc.features.fleet.fleet_row import COLUMNS, FIGURES, LONG, FleetOptions, Job, _failing_at, compute, key_of
 from tinygc.features.fleet.fleet_run import Processes, run_fleet, session_folders
 from tinygc.features.fleet.fleet_summary import fleet_html, results_of, summarise, to_check, write_csv
-from tinygc.features.fleet.fleet_table import EACH, open_table, read_table
+from tinygc.features.fleet.fleet_table import EACH, VERSION, open_table, read_table
 
 HOSTILE = '<script>alert(1)</script>"\x1b[2J\n&'
 
@@ -208,6 +208,33 @@ def test_an_unforeseen_error_fails_one_row_and_not_the_fleet():
 
 
 # The table.
+
+
+def refusal(out):
+    """The one line of a run and of a reader, which leave the file as it is."""
+    lines, before = set(), (out / NAME).read_bytes()
+    for opened in (open_table, read_table):
+        with pytest.raises(FormatError) as caught, opened(out):
+            pass
+        lines.add(str(caught.value))
+    assert (out / NAME).read_bytes() == before
+    (line,) = lines
+    assert "\n" not in line
+    return line
+
+
+def test_another_programs_table_another_form_and_a_broken_one_are_refused(out, tmp_path):
+    asked(tmp_path, "CREATE TABLE results (key TEXT)")
+    assert "is no table of `calibrate.py fleet`; give --out another folder" in refusal(tmp_path)
+    whole = (out / NAME).read_bytes()
+    asked(out, f"PRAGMA user_version = {VERSION + 1}")
+    assert f"form {VERSION + 1}" in refusal(out)
+    (out / NAME).write_bytes(whole)
+    asked(out, "ALTER TABLE results ADD COLUMN further")
+    assert f"is a table of form {VERSION} with" in refusal(out)
+    for broken in (b"no database at all" * 100, whole[:100] + b"\xff" * (len(whole) - 100)):
+        (out / NAME).write_bytes(broken)
+        assert f"{out / NAME}: is broken, or no table" in refusal(out)
 
 
 def test_two_runs_at_once_are_refused_and_a_reader_is_not(fleet, out):

@@ -85,10 +85,17 @@ def test_the_sdist_holds_every_file_that_git_keeps_and_no_other(built):
 
 
 def test_a_fresh_installation_calibrates_in_one_command(installed, tmp_path):
+    """The screen is that of the README, from files of the wheel alone; then the commands that it names."""
     where = "import calibrate, session, tinygc; print(calibrate.__file__, session.__file__, tinygc.__file__, sep='\\n')"
     done = run([installed / "python", "-c", where], cwd=tmp_path, env=CLEAN, capture_output=True, text=True, check=True)
     assert all(Path(line).is_relative_to(installed.parent) for line in done.stdout.splitlines())
-    for words in ("simulate --out s --segments 16 --odr-hz 62.5 --closure 0", "report s --no-explain"):
-        done = run([installed / "calibrate", *words.split(), "--quiet"], cwd=tmp_path, env=CLEAN, capture_output=True)
-        assert done.returncode == 0, done.stderr
-    assert (tmp_path / "s" / "report.html").stat().st_size > 10_000
+    done = run([installed / "calibrate", "demo"], cwd=tmp_path, env=CLEAN, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    (shown,) = (block for block in readme.split("```\n") if "\nPASS" in block)
+    printed = [line.rstrip() for line in done.stdout.splitlines()]
+    assert {line for line in shown.splitlines()[1:] if line != "…"} <= set(printed)
+    assert "next: calibrate report tinygc-demo" in printed
+    done = run([installed / "calibrate", "report", "tinygc-demo", "--no-explain", "--quiet"], cwd=tmp_path, env=CLEAN, capture_output=True)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "tinygc-demo" / "report.html").stat().st_size > 10_000

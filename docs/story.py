@@ -31,7 +31,7 @@ print(why.summary())
 for effect in why.effects:
     print(effect.id, effect.parameters, effect.std)
 
-# %% The pictures (matplotlib)
+# %% The pictures (SVG)
 figure = why.plot()
 
 # %% Once more, with the physics that was named

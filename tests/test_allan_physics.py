@@ -13,6 +13,7 @@ from tinygc.closure.floor import (
     bias_instability,
     curve_of,
 )
+from tinygc.reporting.html.sections.noise_at_rest import held_down
 
 PERIOD_S, WALK = 0.01, 6e-5
 
@@ -50,6 +51,13 @@ def test_freedom_by_hand():
     two = allan_curve([white(20), white(20, 1)], PERIOD_S, per_octave=1)
     assert two.freedom == pytest.approx(2 * np.array([*sums.freedom[:2], (7.5 - 38 / 21) * 64 / 69]), rel=1e-12)
     assert two.relative_sigma == pytest.approx(1 / np.sqrt(2 * two.freedom))
+
+
+@pytest.mark.parametrize(("share", "held"), [(0.969, True), (0.971, False), (1.2, False)])
+def test_a_curve_is_held_down_where_it_begins_two_sigmas_below_its_white_noise(share, held):
+    tau_s = 0.01 * 2.0 ** np.arange(8)  # read at 0.16 s, with a sigma of 1.5 %
+    deviation = WALK / np.sqrt(tau_s) * np.array([share, *[1.0] * 7])
+    assert held_down(curve(deviation, tau_s, [1e9] * 8)) == held
 
 
 def test_averaging_times_with_less_than_five_degrees_of_freedom_are_left_out_but_for_the_first():

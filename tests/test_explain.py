@@ -15,6 +15,7 @@ from session.base.errors import DataError
 from session.base.units import DEG, G
 from session.log.siblings import recordings_at, sibling_sessions
 from tinygc import SimulationOptions, explain, read_session, report
+from tinygc.closure.floor import BiasInstability
 from tinygc.effects import catalogue
 from tinygc.estimation.options import FitOptions
 from tinygc.explanation.checked import check_on
@@ -104,6 +105,13 @@ def test_a_strong_effect_is_named_with_its_size_and_undone(explained):
     assert (set(where["phases"]), where["axes"]) == ({"still", "turn"}, ["x", "y", "z"])
     assert (where["conditions"]["variable"], where["conditions"]["axis"], where["conditions"]["units"]) == ("attitude", "x", "g")
     assert len(where["segment_seconds"]) == len(where["segments"]) > 0
+
+
+@pytest.mark.parametrize(("of_unit", "role"), [(False, "the prior of `noise.bias_wander`"), (True, "by the stills alone")])
+def test_what_the_recording_itself_gives_is_no_prior_of_it(explained, of_unit, role):
+    problem = replace(explained["first"].problem)
+    problem.__dict__["instability"] = BiasInstability(1e-5, "given", of_unit=of_unit)
+    assert f"bias instability, {role}: " in as_text(Group(*explanation_facts(replace(explained["first"], problem=problem))))
 
 
 def test_terminal_report_and_json_show_one_table_of_residuals(explained):

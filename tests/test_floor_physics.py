@@ -204,7 +204,7 @@ def test_blocks_of_rows_are_the_whole_covariance():
         (6.2, 1.9, 9.0, f"6.2 ± 1.9 °/h, {ESTIMATED}"),
         (26.7, 9.6, 50.0, f"27 ± 10 °/h, {ESTIMATED}"),  # two digits of a sigma that rounds to 10
         (0.5, 0.012, 50.0, f"0.500 ± 0.012 °/h, {ESTIMATED}"),
-        (3.0, 1.5, 5.49, f"3.0 ± 1.5 °/h, {ESTIMATED}, which does not show it: less than 5.5 °/h (95 %)"),  # two sigmas do not
+        (3.0, 1.5, 5.49, f"3.0 ± 1.5 °/h, {ESTIMATED}, whose stills do not show it: less than 5.5 °/h (95 %)"),  # two sigmas do not
         (3.001, 1.5, 5.49, f"3.0 ± 1.5 °/h, {ESTIMATED}"),
     ],
 )

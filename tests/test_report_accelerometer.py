@@ -12,7 +12,7 @@ import tinygc
 from session.base.units import MG
 from tinygc.inference.solve import coverage_factor, effective_freedom
 from tinygc.reporting.html.page import page
-from tinygc.reporting.html.sections import accelerometer
+from tinygc.reporting.html.sections import accelerometer, answer, closure_per_segment
 from tinygc.verdict.acceptance import decide
 
 LEFT = ("nonorthogonality xy", "nonorthogonality yz")
@@ -66,3 +66,20 @@ def test_what_is_not_observed_is_said_on_card_table_and_decision(evidence):
     assert words_of(accelerometer.section(made).html).count("not observed") == 2
     assert decision.answer in ("not decided", "fail")
     assert any("nonorthogonality xy" in doubt for doubt in decision.doubts)
+
+
+@pytest.mark.parametrize(
+    ("times", "cost", "why"),
+    [(0.999, "no more", "no more than noise alone is expected to leave"), (1.001, "a little more", "by a fit with fewer turns")],
+)
+def test_a_closure_below_and_one_above_its_floor_are_each_described_as_they_are(evidence, times, cost, why):
+    adopted = replace(evidence.adopted, angles=evidence.adopted.angles * times / evidence.adopted.times_floor)
+    made = replace(evidence, adopted=adopted)
+    assert f"held out they cost {cost}, with" in words_of(answer.section(made).html)
+    assert why in words_of(closure_per_segment.section(made).html)
+
+
+def test_the_answer_states_whose_limit_it_is_and_breaks_no_option(evidence):
+    decision = replace(evidence.decision, rule="PASS needs --limit DEG.", limit_deg=0.0475, limit_from="twice a sheet")
+    text = answer.section(replace(evidence, decision=decision)).html
+    assert '<p>PASS needs <span style="white-space:nowrap">--limit</span> DEG. Limit 0.048°: twice a sheet.</p>' in text

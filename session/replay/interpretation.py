@@ -36,7 +36,7 @@ def read_as(joined: Joined, answers: Answers, rate_hz: float) -> str:
     """The units alone, in one line: ``read as: time in ms (208 Hz), gyro in rad/s, accelerometer in g``."""
     layout = joined.gyro_layout
     stamps = "time of day" if layout.clock else f"time in {_unit(layout.time_ns)}"
-    time = "samples counted" if joined.counted else "time counted" if joined.even_sigma_ppm is not None else stamps
+    time = "samples counted" if joined.counted else "evenly by the stamps" if joined.even_sigma_ppm is not None else stamps
     units = [triad and (triad.unit.word if triad.unit.si else "registers") for triad in (layout.gyro, joined.accel_layout.accel)]
     whose = f"{answers.sensor} at ±{answers.gyro_fs_dps:g} dps, " if answers.sensor and answers.gyro_fs_dps else ""
     return f"read as: {whose}{time} ({rate_hz:g} Hz), gyro in {units[0]}, accelerometer in {units[1]}"

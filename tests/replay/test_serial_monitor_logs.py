@@ -236,7 +236,7 @@ def test_stamps_of_arrival_are_counted_evenly_unless_the_readings_went_along_wit
     t_s = moved.t_ns * 1e-9
     arrived_s = np.maximum.accumulate(t_s + np.random.default_rng(1).exponential(2e-3, len(t_s)))
     counts = np.hstack([moved.accel / G * 8192, moved.gyro / DEG * 65.5])
-    for name, at_s, stamps in (("even", t_s, "time counted (104 Hz)"), ("uneven", arrived_s, "time of day (103.5 Hz)")):
+    for name, at_s, stamps in (("even", t_s, "evenly by the stamps (104 Hz)"), ("uneven", arrived_s, "time of day (103.5 Hz)")):
         log, rows = tmp_path / f"{name}.txt", np.rint([np.interp(at_s, t_s, axis) for axis in counts.T]).astype(int).T
         line = "{} -> aX = {} | aY = {} | aZ = {} | gX = {} | gY = {} | gZ = {}"
         lines = [line.format(clock(round(1e3 * at)), *row) for at, row in zip(arrived_s, rows, strict=True)]

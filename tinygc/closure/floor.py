@@ -56,7 +56,7 @@ class BiasInstability:
         sigma, most = self.sigma_rps / DEG_PER_HOUR, self.most_rps / DEG_PER_HOUR
         digits = max(0, 1 - int(np.floor(np.log10(max(sigma, 1e-6) * 1.05))))
         text = f"{value:.{digits}f} ± {sigma:.{digits}f} °/h, {self.source}"
-        return text if value > SEEN_SIGMAS * sigma else f"{text}, which does not show it: less than {significant(most, 2)} °/h (95 %)"
+        return text if value > SEEN_SIGMAS * sigma else f"{text}, whose stills do not show it: less than {significant(most, 2)} °/h (95 %)"
 
     def to_json(self) -> dict:
         """Three keys of a ``noise`` object; null if unknown or without a sigma."""

@@ -240,7 +240,8 @@ def explanation_facts(e: Explanation, panels: Sequence[Part] = ()) -> list[Part]
     if components := noise_rows(e):
         parts.append(Table("estimated non-white noise", ("component", "± one sigma", "what it is"), components, left=range(3)))
     if not e.problem.instability.source.startswith("typical"):
-        parts.append(f"bias instability, the prior of `noise.bias_wander`: {e.problem.instability.words}")
+        role = "by the stills alone" if e.problem.instability.of_unit else "the prior of `noise.bias_wander`"
+        parts.append(f"bias instability, {role}: {e.problem.instability.words}")
     parts += [e.problem.at_rest.words] if e.problem.at_rest is not None and e.problem.at_rest.words else []
     parts += [place] if (place := _where(e)) else []
     return parts + (limits(e, len(e.detection_limits)) if e.verdict == "no_mismatch" else [])

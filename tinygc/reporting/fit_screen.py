@@ -35,7 +35,7 @@ def verdict_lines(decision: Acceptance, reasons: bool = False) -> list[Text]:
         met = {True: "met", False: "not met", None: "not decided"}
         small += [f"  {met[each]}: {reason}" for each, reason in decision.reasons]
         small += [f"  in doubt: {doubt}" for doubt in decision.doubts if doubt not in (decision.headline, *decision.further)]
-        small += [f"  limit {significant(decision.limit_deg)}°: {decision.limit_from}"] if decision.limit_deg is not None else []
+        small += [f"  limit {significant(decision.limit_deg, 2)}°: {decision.limit_from}"] if decision.limit_deg is not None else []
     return [*lines, *(one_line(line, "dim") for line in small)]
 
 

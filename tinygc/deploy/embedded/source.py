@@ -28,7 +28,7 @@ _HEADER = """\
  *
  * units    rate in rad/s in and out; specific force in m/s^2, calibrated (level and still, z down: 0, 0, -g); temperature in degC
  * axes     the sensor's own
- * memory   {weights} bytes of weights, {state} of state
+ * memory   {weights} bytes of weights, {state} of state; the self-test adds {tested}: leave it out on small chips
  * cost     single precision; code size and instructions on a Cortex-M4F: python benchmarks/firmware.py
  * build    {flags}
  *          (any C99 compiler will do; what keeps each bit is that products and sums are not contracted)
@@ -189,6 +189,7 @@ def source_files(
         "formula": "\n".join(f" *     {commented(stage.formula)}" for stage in stages),
         "identity": program.identity,
         "weights": 4 * sum(array.size for array in constants.values()),
+        "tested": inputs.nbytes + rates.nbytes,
         "state": sum(stage.state_bytes for stage in stages) or 1,
         "members": members or "    unsigned char unused;\n",
         "averaged": _AVERAGED if "in->temp_c" in code else "",

@@ -27,9 +27,7 @@ def section(evidence: ReportData) -> Section | None:
     panels = [*(pair_of(e, drawn) if drawn is not None else (in_time(e),) if e.twin.stills else ())]
     panels += [*(() if e.shown is None else e.shown.panels), *([proof_panel(e)] if e.proof.changed else [])]
     tried = sorted({effect.id for effect in candidates(e.twin)} - {claim.effect.id for claim in e.claimed})
-    words = f"tried, and not found: {', '.join(tried)}" + (
-        "" if not e.gravity else f"; looked for in the registers as well: {IN_REGISTERS}"
-    )
+    words = f"tried, and not found: {', '.join(tried)}" + ("" if not e.gravity else f"; looked for in the readings as well: {IN_REGISTERS}")
     return Section(
         "explain",
         "Why recording and simulation differ",

@@ -32,9 +32,16 @@ def section(evidence: ReportData) -> Section | None:
         total_s=sum(still.duration_s for still in problem.stills if still.problem is None and still.bumps == 0),
         longest_s=curve.longest_s,
         allan=_allan(curve, walks),
+        held_down=held_down(curve),
         spectrum=found and _spectrum(*found),
     )
     return Section("noise", "Noise at rest", html + ("" if problem.at_rest is None else _at_rest(problem.at_rest, problem)))
+
+
+def held_down(curve: AllanCurve) -> bool:
+    """Whether each axis begins below its white noise, as behind a low-pass filter."""
+    walks = [angle_random_walk(curve, axis) for axis in range(3)]
+    return all(first * np.sqrt(curve.tau_s[0]) < walk.value - 2 * walk.sigma for first, walk in zip(curve.deviation[0], walks, strict=True))
 
 
 def _at_rest(measured: MeasuredNoise, problem: Problem) -> str:

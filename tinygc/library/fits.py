@@ -142,7 +142,7 @@ class Fit(Shown):
     @property
     def page(self) -> Group:
         """What ``fit --verbose`` prints, as a rich renderable."""
-        return Group(*verdict_lines(self.verdict()), fit_report(self.result))
+        return Group(*verdict_lines(self.verdict(), reasons=True), fit_report(self.result))
 
     def to_frame(self) -> Any:
         """The parameters as a pandas DataFrame, a row for each.  Raises CalibrationError where pandas is not installed."""

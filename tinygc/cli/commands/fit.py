@@ -69,7 +69,7 @@ def _fit(args: Options, read_as: str = "") -> Done:
     folder = result.save(args.out, args.limit_deg)
     console = output(args)
     if args.verbose:
-        console.print(*verdict_lines(decision), sep="\n")
+        console.print(*verdict_lines(decision, reasons=True), sep="\n")
         console.print(fit_report(result.result))
         console.print(correction(result.result))
     else:

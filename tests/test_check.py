@@ -140,9 +140,10 @@ def test_a_log_is_held_against_what_is_declared(short, settings, comments, what,
 
 def test_a_log_of_another_sensor_is_refused_among_those_of_the_stated_one(short):
     mine, other = (replace(short.logs[0], comments={"serial": serial}) for serial in ("A", "B"))
-    for logs, level in (((mine, other), "error"), ((other,), "warning")):
+    for logs, answer in (((mine, other), ("error", "move it out")), ((other,), ("warning", "correct sensor.serial"))):
         session = replace(with_sensor(short, serial="A"), logs=logs)
-        assert of(first_look(session, other, [], None), "serial").level == level
+        finding = of(first_look(session, other, [], None), "serial")
+        assert (finding.level, answer[1] in finding.do) == (answer[0], True)
 
 
 def test_a_rate_that_the_board_states_is_held_against_the_stamps(short):

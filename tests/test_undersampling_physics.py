@@ -101,4 +101,4 @@ def test_the_error_of_readings_is_predicted_from_fewer_of_them():
     assert "above 50 Hz" in line.description
     assert len(f"{line.where}: {line.description}") <= 80
     assert float(line.description.split("by ")[1].split("°")[0]) == pytest.approx(true / DEG, rel=0.3)
-    assert "a low-pass below 50 Hz" in line.do
+    assert "or with a low-pass below 50 Hz" in line.do

@@ -173,7 +173,7 @@ def test_each_rule_holds_up_to_its_limit(known, limit_deg, answer):
 )
 def test_without_a_limit_it_is_twice_what_the_data_sheet_promises(sheet, answer, says):
     found = decide(judged(), [], None, promise=sheet)
-    assert (found.answer, found.headline, "PASS needs --limit DEG" in found.rule) == (answer, says, answer == "no limit")
+    assert (found.answer, found.headline, "PASS needs a limit: --sensor NAME" in found.rule) == (answer, says, answer == "no limit")
     assert decide(judged(), [], 0.06, promise=sheet).answer == "pass"  # a limit that is given decides
     noisy = decide(judged(), [], None, promise=replace(sheet, tilt_rms=1.0, noisier="9 mdps/√Hz, 5 there"))
     assert (noisy.answer, noisy.doubts) == ("not decided", [f"noisier than {sheet.source}: 9 mdps/√Hz, 5 there"])

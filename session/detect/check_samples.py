@@ -48,8 +48,10 @@ def check_comments(log: Log, sensor: Sensor, serials: Container[str] = ()) -> li
     serial = log.comments.get("serial")
     if serial and sensor.serial and serial != sensor.serial:
         text = f"the log is of sensor {serial}, session.toml has {sensor.serial}"
-        level = "error" if sensor.serial in serials else "warning"  # of one sensor alone, it may have been named otherwise by hand
-        findings.append(Finding(level, log.path.name, "serial", text, "move it out: keep one folder per sensor"))
+        if sensor.serial in serials:
+            findings.append(Finding("error", log.path.name, "serial", text, "move it out: keep one folder per sensor"))
+        else:  # all may be of the sensor, named otherwise by hand
+            findings.append(Finding("warning", log.path.name, "serial", text, "correct sensor.serial in session.toml"))
     return findings
 
 

@@ -199,7 +199,7 @@ def check_undersampling(log: Log, turns: Sequence[Ends], noise: Noise | None, co
         return []
     needed_hz = 2 * half_hz * (rms_rad / floor_rad) ** (1 / exponent)  # where the rms would be down at the floor
     text = f"motion above {half_hz:.4g} Hz: turns miss by {error} rms (white noise {floor})"
-    do = f"no calibration removes it: record at {needed_hz:.0f} Hz, with a low-pass below {half_hz:.4g} Hz, or turn more smoothly"
+    do = f"no calibration removes it: record at {needed_hz:.0f} Hz, or with a low-pass below {half_hz:.4g} Hz, or turn more smoothly"
     return [Finding("warning", where, what, text, do)]
 
 

@@ -477,8 +477,9 @@ class _Packed(TextForm):
 
 
 def _packed(lines: list[str], stated: str | None, name: str) -> _Packed | None:
-    words = [match[1] for line in lines if (match := WORD.search(line)) is not None]
-    words = [word for word in words if not word.isdigit()]
+    # An unasked word stands alone or after a stamp: a column of hashes or IDs is no burst.
+    bare = [line for line in lines if stated or len(re.split(r"[,;\s]+", line.strip())) <= 2]
+    words = [match[1] for line in bare if (match := WORD.search(line)) is not None and not match[1].isdigit()]
     if len(words) <= SHARE * len(lines) or not words:
         if stated:
             raise FormatError(f"{name}: --packed is {stated!r}, but its lines hold no words of hexadecimal registers; leave it out")

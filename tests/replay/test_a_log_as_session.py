@@ -3,6 +3,7 @@
 import io
 import json
 import sys
+import tomllib
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from session.base.units import DEG, G
 from session.replay.importing import session_next_to
 from session.replay.options import Answers
 from tinygc import models, read_session
+from tinygc.cli.logs import _fill_in
 
 MOVED = Table().tumble(16, seed=3, turn_s=3.0).samples(odr_hz=52)
 ROWS = [",".join(f"{x:.5f}" for x in row) for row in np.column_stack([MOVED.accel / G, MOVED.gyro / DEG])]
@@ -151,3 +153,10 @@ def test_fit_and_import_ask_for_the_latitude_once_and_take_it_later_as_an_option
         for path in (log, tmp_path / "own"):
             code, _, err = run("fit", path, *words)
             assert (code, complaint in err) == (2, True)
+
+
+def test_the_default_sensor_is_filled_in_where_no_file_names_it(tmp_path):
+    file = tmp_path / "session.toml"
+    file.write_text('schema = "tinygc-session/1"\n[sensor]\nserial = "A"\nodr_hz = 208.0\ngyro_fs_dps = 500\naccel_fs_g = 4\n')
+    _fill_in(tmp_path, None, "asm330lhh")
+    assert tomllib.loads(file.read_text())["sensor"]["model"] == "ASM330LHH"

@@ -192,6 +192,7 @@ def test_packed_registers_json_and_checksums(tmp_path):
     ):
         with pytest.raises(FormatError, match=says):
             form_of(words, packed, "x")
+    assert form_of(["1000,1,2,3,4,5,6,507f1f77bcf86cd799439011"] * 20, None, "x") is None  # a column of IDs is no burst
     raw = ["ms,gx,gy,gz,ax,ay,az", *(f"{1000 + 10 * i},{(i * 7) % 4096:04X},FFFE,0003,00A0,FF00,1000" for i in range(800))]
     assert form_of(raw, None, "x")(["1010,0007,FFFE,0003,00A0,FF00,1000"]) == ["1010,7,-2,3,160,-256,4096"]  # a decimal stamp stays decimal
     line = '{"t_ns": 1732600000123456789, "g": [1, 2, 3], "a": {"x": 0.10, "y": 1e-3, "z": 9}}'

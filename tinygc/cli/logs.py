@@ -73,7 +73,10 @@ def _fill_in(folder: Path, latitude_deg: float | None, sensor: str | None) -> No
 
     if latitude_deg is not None:
         fill_in(folder / "session.toml", "site", "latitude_deg", latitude_deg)
-    if sensor is not None and profile_of(read_config(folder / "session.toml").sensor.model) is not (named := require_profile(sensor)):
+    if sensor is None:
+        return
+    named, config = require_profile(sensor), read_config(folder / "session.toml")
+    if not config.model_given or profile_of(config.sensor.model) is not named:
         fill_in(folder / "session.toml", "sensor", "model", named.name)
 
 

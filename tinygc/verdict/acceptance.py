@@ -185,7 +185,7 @@ class Acceptance:
         return {
             "answer": self.answer,
             "headline": self.headline,
-            "rule": self.rule,
+            "rule": self.rule.replace("\n", " "),
             "limit_deg": self.limit_deg,
             "limit_from": self.limit_from,
             "reasons": [{"met": met, "reason": text} for met, text in self.reasons],
@@ -307,7 +307,7 @@ def decide(
     undecided += [text for met, text in by_chance if met is None]
     passed = all(met is not False for met, _ in reasons)
     if passed and limit is None and not (decided or undecided or found):
-        rule += "\nPASS needs --limit DEG."
+        rule += "\nPASS needs a limit: --sensor NAME or --limit DEG."
     return Acceptance(passed, rule, reasons, found, bool(segments), closure, decided, undecided, unsound, limit, source, tuple(tests))
 
 

@@ -31,7 +31,7 @@ def summary(evidence: ReportData) -> dict:
         "passed": None if decision.answer in ("not decided", "no limit") else decision.passed,
         "answer": decision.answer,
         "doubts": decision.doubts,
-        "rule": decision.rule,
+        "rule": decision.rule.replace("\n", " "),
         "limit_deg": decision.limit_deg,
         "conformity": [each.to_json() for each in decision.conformities],
         "calibration": adopted.name,

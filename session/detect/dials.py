@@ -40,7 +40,8 @@ def without_wrong_dials(session: Session, parts: Sequence[LogSegments]) -> tuple
     """A session without the dial readings that gravity or the turns contradict, its segments, and what to report of each.
 
     A turn alone that the dials contradict, while the readings on either side agree with their other turns, is rejected.  A session whose
-    reference is not the table, and one with many contradictions, is returned as it is: the first look reports what they are.
+    reference is not the table, and one with many contradictions, is returned as it is: the first look reports those of gravity; many wrong
+    yaws make the usual turn wrong, and only the fit shows them.
     """
     table = session.attitudes
     if table is None or session.config.protocol.reference != "table" or session.reference is not None:
